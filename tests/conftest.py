@@ -1,0 +1,40 @@
+"""Fixtures every test may use."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+SHARED_MESHES = ROOT.parent / "shared" / "meshes"
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The project's folder."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def shared_meshes() -> Path:
+    """Public test meshes that lie beside a developer's checkout; tests that need them skip without."""
+    if not SHARED_MESHES.is_dir():
+        pytest.skip("the public test meshes (../shared/meshes) are not here")
+    return SHARED_MESHES
+
+
+@pytest.fixture
+def vibraverse(capfd):
+    """Run the command line in this process: ``vibraverse("clean", …)`` returns (exit status, output, errors)."""
+    from vibraverse.cli import main
+
+    def call(*arguments):
+        try:
+            status = main([str(argument) for argument in arguments])
+        except SystemExit as exit_:
+            status = exit_.code
+        out, err = capfd.readouterr()
+        return status, out, err
+
+    return call

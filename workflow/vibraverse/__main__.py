@@ -1,0 +1,7 @@
+"""Allow ``python -m vibraverse``."""
+
+import sys
+
+from vibraverse.cli import main
+
+sys.exit(main())

@@ -1,0 +1,145 @@
+"""The command ``vibraverse``: one subcommand per stage, and a few for people.
+
+A subcommand's module is imported only when it is asked for, so that ``--help`` answers at once and the thread
+settings stand before any numerical library starts.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from pathlib import Path
+
+from vibraverse import __version__
+
+#: Stage subcommands: name -> one line of help. The module is ``vibraverse.stages.<name>``.
+STAGES = {
+    "sources": "fetch or generate one object's mesh, with where it came from",
+    "clean": "make a closed, oriented, manifold surface in [-1, 1]³",
+    "grids": "voxelise the surface and measure the signed distance",
+    "hollow": "take the inside out of the body",
+    "tets": "fill a surface with tetrahedra",
+    "basis": "solve for the material-independent modal basis",
+    "modes": "frequencies, damping and mode shapes of every material",
+    "audio": "render the impact sounds",
+    "images": "render views of the outside",
+    "dataset": "pack objects into one HDF5 shard",
+    "index": "write the dataset's index, refusals and record",
+    "report": "write the page people open",
+}
+
+#: Subcommands for people: name -> one line of help. The module is ``vibraverse.commands.<name>``.
+COMMANDS = {
+    "strike": "hear a mesh: from a file to its impact sound in one go",
+    "objects": "list the objects a configuration names",
+    "materials": "list the known materials",
+    "config": "check a configuration, or print its JSON schema",
+    "refusals": "list refused objects by reason, or make them run again",
+}
+
+_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+
+
+class UsageError(Exception):
+    """A mistake in what was asked for: one sentence, exit code 2, nothing written."""
+
+
+def _overview() -> str:
+    def table(rows):
+        return "\n".join(f"  {name:<10} {text}" for name, text in rows.items())
+
+    return (
+        "usage: vibraverse COMMAND …      (vibraverse COMMAND --help tells more)\n\n"
+        "From meshes to shapes, modes, impact sounds and pictures that agree by physics.\n\n"
+        f"For people:\n{table(COMMANDS)}\n\nStages, as the workflow calls them:\n{table(STAGES)}\n"
+    )
+
+
+def set_threads(threads: int) -> None:
+    """Fix the thread count and the rounding of BLAS before any numerical library is loaded."""
+    for variable in _THREAD_VARIABLES:
+        os.environ[variable] = str(threads)
+    os.environ.setdefault("MKL_CBWR", "COMPATIBLE")
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the command line; return the exit status."""
+    argv = sys.argv[1:] if argv is None else argv
+    if not argv or argv[0] in ("-h", "--help", "help"):
+        print(_overview(), end="")
+        return 0
+    if argv[0] in ("-V", "--version"):
+        print(f"vibraverse {__version__}")
+        return 0
+    name, rest = argv[0], argv[1:]
+    try:
+        if name in STAGES:
+            return _run_stage(name, rest, ["vibraverse", *argv])
+        if name in COMMANDS:
+            module = importlib.import_module(f"vibraverse.commands.{name}")
+            return module.main(rest) or 0
+        from vibraverse.config import unknown
+
+        raise UsageError(unknown("command", name, [*COMMANDS, *STAGES]))
+    except UsageError as error:
+        print(f"vibraverse: {error}", file=sys.stderr)
+        return 2
+    except KeyboardInterrupt:
+        print("vibraverse: interrupted", file=sys.stderr)
+        return 130
+
+
+def _run_stage(name: str, argv: list[str], command: list[str]) -> int:
+    from vibraverse.config import ConfigError, validate
+    from vibraverse.stage import Job, run
+
+    threads = next((b for a, b in zip(argv, argv[1:], strict=False) if a == "--threads"), "1")
+    set_threads(int(threads) if threads.isdigit() else 1)
+    stage = importlib.import_module(f"vibraverse.stages.{name}").STAGE
+
+    parser = argparse.ArgumentParser(prog=f"vibraverse {name}", description=stage.help)
+    if stage.per_object:
+        parser.add_argument("--object", required=True, metavar="ID", help="the object's id")
+    if stage.per_solidity:
+        parser.add_argument("--solidity", required=True, choices=("solid", "hollow"), help="which body")
+    for group, arguments in (("inputs", stage.inputs), ("outputs", stage.outputs)):
+        section = parser.add_argument_group(group)
+        for key, text in arguments.items():
+            section.add_argument(
+                f"--{key.replace('_', '-')}",
+                dest=f"{group}.{key}",
+                required=key not in stage.optional,
+                nargs="+" if key in stage.many else None,
+                type=Path,
+                metavar="FILE",
+                help=text,
+            )
+    if stage.options is not None:
+        parser.add_argument("--options", default="{}", metavar="JSON", help="the stage's configuration block")
+    parser.add_argument("--threads", type=int, default=1, metavar="N", help="threads to use (default 1)")
+    values = vars(parser.parse_args(argv))
+
+    options = None
+    if stage.options is not None:
+        import json
+
+        try:
+            options = validate(stage.options, json.loads(values["options"]), prefix=name)
+        except json.JSONDecodeError as error:
+            raise UsageError(f"--options is not valid JSON: {error}") from None
+        except ConfigError as error:
+            raise UsageError(str(error)) from None
+    job = Job(
+        stage=stage,
+        object=values.get("object", ""),
+        solidity=values.get("solidity", ""),
+        inputs={key: values[f"inputs.{key}"] for key in stage.inputs if values[f"inputs.{key}"] is not None},
+        final={
+            key: values[f"outputs.{key}"] for key in stage.outputs if values[f"outputs.{key}"] is not None
+        },
+        options=options,
+        threads=values["threads"],
+    )
+    return run(job, command)

@@ -1,0 +1,175 @@
+"""The configuration: typed sections, one sentence for every mistake, a JSON schema made from the types."""
+
+from __future__ import annotations
+
+import difflib
+import json
+from pathlib import Path
+
+from pydantic import BaseModel, Field, ValidationError, field_validator
+
+from vibraverse.config.base import Section
+from vibraverse.config.dataset import Dataset, Report
+from vibraverse.config.geometry import Clean, Grids, Hollow, Tets
+from vibraverse.config.media import Audio, Images
+from vibraverse.config.physics import Basis, Material, Modes
+from vibraverse.config.sources import Sources
+from vibraverse.physics.materials import MATERIALS
+
+
+class ConfigError(ValueError):
+    """A mistake in the configuration, said in one sentence."""
+
+
+class Config(Section):
+    """The whole of ``config.yaml``."""
+
+    results: str = "results"
+    """Folder of all products."""
+
+    sources: Sources = Sources()
+    """Which objects there are."""
+
+    materials: dict[str, Material | None] = Field(
+        default_factory=lambda: dict.fromkeys(["ceramic", "glass", "wood", "steel"]),
+        min_length=1,
+        validate_default=True,
+    )
+    """Materials by name: one of the table (leave the value empty) or your own with all five numbers."""
+
+    solidities: list[str] = Field(default_factory=lambda: ["solid", "hollow"], min_length=1)
+    """Bodies made of every object: ``solid``, ``hollow`` or both."""
+
+    clean: Clean = Clean()
+    """Mesh cleaning."""
+
+    grids: Grids = Grids()
+    """Voxels and signed distance."""
+
+    hollow: Hollow = Hollow()
+    """Hollow bodies."""
+
+    tets: Tets = Tets()
+    """Tetrahedra."""
+
+    basis: Basis = Basis()
+    """The modal basis."""
+
+    audio: Audio = Audio()
+    """Impact sounds."""
+
+    images: Images = Images()
+    """Views."""
+
+    dataset: Dataset = Dataset()
+    """Shards, index and splits."""
+
+    report: Report = Report()
+    """The page people open."""
+
+    @field_validator("materials")
+    @classmethod
+    def _known_materials(cls, materials):
+        for name, values in materials.items():
+            if values is None and name not in MATERIALS:
+                raise ValueError(unknown("material", name, MATERIALS))
+            if not name.replace("-", "").replace("_", "").isalnum():
+                raise ValueError(f"the material name {name!r} may hold only letters, digits, '-' and '_'")
+        return {name: values or Material(**MATERIALS[name]) for name, values in materials.items()}
+
+    @field_validator("solidities")
+    @classmethod
+    def _known_solidities(cls, solidities):
+        for name in solidities:
+            if name not in ("solid", "hollow"):
+                raise ValueError(unknown("solidity", name, ("solid", "hollow")))
+        return list(dict.fromkeys(solidities))
+
+
+def unknown(kind: str, name: str, known) -> str:
+    """Return the sentence for an unknown name, with the nearest known one."""
+    near = difflib.get_close_matches(str(name), [str(k) for k in known], n=1, cutoff=0.0)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"unknown {kind} {str(name)!r}{hint} (known: {', '.join(map(str, known))})"
+
+
+def parse(values: dict | None) -> Config:
+    """Return the validated configuration, or raise :class:`ConfigError` with one sentence."""
+    return validate(Config, values or {})
+
+
+def validate(model: type[BaseModel], values: dict, prefix: str = ""):
+    """Validate ``values`` as ``model``; the first mistake becomes one sentence naming its key."""
+    try:
+        return model.model_validate(values)
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        raise ConfigError(_sentence(model, first, prefix)) from None
+
+
+def load(path: str | Path) -> Config:
+    """Read and validate a YAML configuration file."""
+    import yaml
+
+    path = Path(path)
+    if not path.is_file():
+        raise ConfigError(f"the configuration file {path} does not exist")
+    try:
+        values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ConfigError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from None
+    if values is not None and not isinstance(values, dict):
+        raise ConfigError(f"{path} must hold keys and values, not {type(values).__name__}")
+    return parse(values)
+
+
+def schema_text() -> str:
+    """Return the JSON schema of the configuration, as committed in ``workflow/schemas``."""
+    return json.dumps(Config.model_json_schema(), indent=2, ensure_ascii=False) + "\n"
+
+
+def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
+    location = [str(part) for part in error["loc"]]
+    key = ".".join([*([prefix] if prefix else []), *location])
+    if error["type"] == "extra_forbidden":
+        known = _fields_at(model, error["loc"][:-1])
+        return f"unknown key {key!r}; " + unknown("key", location[-1], known).split("; ", 1)[-1]
+    if error["type"] == "value_error":
+        return f"{key}: {error['ctx']['error']}"
+    if error["type"] == "missing":
+        return f"{key} is missing"
+    message = error["msg"][0].lower() + error["msg"][1:]
+    return f"{key}: {message}, not {error['input']!r}"
+
+
+def _fields_at(model: type[BaseModel], location) -> list[str]:
+    """Return the keys that are valid where an unknown one was found."""
+    current = model
+    for part in location:
+        inner = getattr(current, "model_fields", {}).get(part) if isinstance(part, str) else None
+        current = _section_in(inner.annotation) if inner else current
+    return list(current.model_fields)
+
+
+def _section_in(annotation):
+    """Return the section class inside an annotation such as ``list[Files]`` or ``dict[str, Material]``."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    for argument in getattr(annotation, "__args__", ()):
+        found = _section_in(argument)
+        if found is not None:
+            return found
+    return None
+
+
+__all__ = [
+    "Config",
+    "ConfigError",
+    "Material",
+    "Modes",
+    "load",
+    "parse",
+    "schema_text",
+    "unknown",
+    "validate",
+]

@@ -1,0 +1,57 @@
+"""Options of the stages that make geometry."""
+
+from __future__ import annotations
+
+from pydantic import Field, PositiveFloat, PositiveInt
+
+from vibraverse.config.base import Section
+
+
+class Limits(Section):
+    """Limits of a tool that runs in a child process."""
+
+    seconds: PositiveInt = 300
+    """Time after which the tool is stopped and the object refused."""
+
+    memory_mb: PositiveInt = 4096
+    """Memory beyond which the tool is stopped and the object refused."""
+
+
+class Clean(Section):
+    """Mesh cleaning."""
+
+    max_triangles: PositiveInt = 2_000_000
+    """A larger mesh is refused."""
+
+    limits: Limits = Limits()
+    """Limits of the repair."""
+
+
+class Grids(Section):
+    """Voxel and signed-distance grids over [-1, 1]³, sampled at cell centres."""
+
+    coarse: int = Field(16, ge=4, le=128)
+    """Cells along each axis of the occupancy grid."""
+
+    fine: int = Field(128, ge=16, le=512)
+    """Cells along each axis of the signed-distance grid."""
+
+
+class Hollow(Section):
+    """Hollow bodies: the outside stays, ``S(P) <= t · s_min`` is taken away."""
+
+    thickness: tuple[float, float] = (0.3, 0.7)
+    """Range of ``t``, drawn by the object's seed: the wall reaches ``t`` of the way to the deepest point."""
+
+
+class Tets(Section):
+    """Tetrahedra."""
+
+    target_elements: PositiveInt = 6000
+    """Number of tetrahedra to aim for."""
+
+    max_volume_change: PositiveFloat = 0.005
+    """Largest relative change of volume that remeshing the surface may cause."""
+
+    limits: Limits = Limits()
+    """Limits of the mesher."""

@@ -1,0 +1,42 @@
+"""Options of the stages that make sounds and pictures."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, PositiveFloat
+
+from vibraverse.config.base import Section
+
+
+class Audio(Section):
+    """Impact sounds."""
+
+    sample_rate_hz: int = Field(44_100, ge=8_000, le=192_000)
+    """Samples per second."""
+
+    subtype: Literal["PCM_24", "PCM_16"] = "PCM_24"
+    """Sample format of the WAV files."""
+
+    decay_db: PositiveFloat = 60.0
+    """A sound ends where it has fallen by this many decibels …"""
+
+    max_s: float = Field(4.0, gt=0, le=60)
+    """… or after this many seconds."""
+
+    points: list[tuple[float, float, float]] = Field(default_factory=list)
+    """Struck points in normalised coordinates; for each, one more sound per material. Empty: only the
+    location-invariant sound."""
+
+
+class Images(Section):
+    """Views of the outside."""
+
+    views: int = Field(6, ge=1, le=64)
+    """Views per look, spread evenly around the object."""
+
+    looks: list[str] = Field(default_factory=lambda: ["clay", "ceramic", "glass", "wood", "steel"])
+    """Looks to render: ``clay`` is neutral, the others are named like the materials."""
+
+    size_px: int = Field(256, ge=32, le=4096)
+    """Width and height in pixels."""

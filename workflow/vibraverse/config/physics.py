@@ -1,0 +1,69 @@
+"""Options of the stages that compute modes."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, PositiveFloat, PositiveInt
+
+from vibraverse.config.base import Section
+
+#: Poisson's ratio of a stable isotropic solid that is not incompressible.
+Poisson = Annotated[float, Field(gt=-1.0, lt=0.5)]
+
+
+class Material(Section):
+    """A material: elasticity, density and Rayleigh damping."""
+
+    density_kg_m3: PositiveFloat
+    """Density in kg/m³."""
+
+    young_pa: PositiveFloat
+    """Young's modulus in Pa."""
+
+    poisson: Poisson
+    """Poisson's ratio."""
+
+    alpha_per_s: float = Field(ge=0)
+    """Mass-proportional damping in 1/s."""
+
+    beta_s: float = Field(ge=0)
+    """Stiffness-proportional damping in s."""
+
+
+class Basis(Section):
+    """The material-independent modal basis."""
+
+    order: Literal[1, 2] = 2
+    """Element order: 1 (stiff, for comparison with published data) or 2."""
+
+    modes: PositiveInt = 64
+    """Elastic modes kept."""
+
+    poisson_nodes: list[Poisson] = Field(default_factory=lambda: [0.1, 0.2, 0.3, 0.4], min_length=1)
+    """Values of Poisson's ratio at which the sparse problem is solved."""
+
+    method: Literal["auto", "arpack", "dense"] = "auto"
+    """Eigensolver: ``auto`` takes ARPACK, or a dense solve where the mesh is tiny."""
+
+    factorisation: Literal["auto", "pardiso", "superlu"] = "auto"
+    """Sparse factorisation: ``auto`` takes PARDISO where it is installed, else SuperLU."""
+
+    tolerance: PositiveFloat = 1e-8
+    """Relative tolerance of the eigenvalues."""
+
+
+class Modes(Section):
+    """Frequencies, damping and mode shapes of every material."""
+
+    materials: dict[str, Material]
+    """Materials by name."""
+
+    size_m: PositiveFloat | None = None
+    """Longest side of the bounding box in metres; without it the size the source states, else the default."""
+
+    default_size_m: PositiveFloat = 0.15
+    """Longest side in metres where the source states none."""
+
+    modes: PositiveInt = 64
+    """Elastic modes kept."""

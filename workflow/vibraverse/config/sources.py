@@ -1,0 +1,69 @@
+"""Which objects there are."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field, NonNegativeInt, PositiveFloat
+
+from vibraverse.config.base import Section
+
+
+class Generated(Section):
+    """Objects drawn from the parametric shape families."""
+
+    count: NonNegativeInt = 8
+    """How many objects; families take turns in the order listed."""
+
+    families: list[str] | Literal["all"] = "all"
+    """Family names, or ``all``."""
+
+    first: NonNegativeInt = 0
+    """Number of the first object of each family, to draw a set that shares none with another."""
+
+
+class Files(Section):
+    """A folder or glob of mesh files."""
+
+    path: str
+    """A file, a folder (searched with its subfolders) or a glob; OBJ, STL, PLY, OFF, GLB, glTF, 3MF."""
+
+    size_m: PositiveFloat | None = None
+    """Longest side of every mesh in metres; without it GLB and glTF keep their metres and others get
+    ``sources.default_size_m``."""
+
+    licence: str = "unknown"
+    """Licence that holds for these files, kept in every record."""
+
+
+class Objaverse(Section):
+    """Objects of Objaverse, fetched by UID into a cache."""
+
+    uids: list[str] = Field(default_factory=list)
+    """Objaverse UIDs."""
+
+    cache: str = "~/.objaverse"
+    """Folder of the cache; what is in it is used without a network."""
+
+
+class Sources(Section):
+    """Where the objects come from."""
+
+    generated: Generated = Generated()
+    """Parametric shapes; need no files and no network."""
+
+    bundled: list[str] = Field(default_factory=lambda: ["nut", "airplane", "ant"])
+    """Models that ship inside the pyvista package: nut, airplane, ant."""
+
+    files: list[Files] = Field(default_factory=list)
+    """Your own meshes."""
+
+    objaverse: Objaverse = Objaverse()
+    """Objaverse models."""
+
+    default_size_m: PositiveFloat = 0.15
+    """Longest side in metres of an object whose source states no size."""
+
+    sizes_m: dict[str, PositiveFloat] = Field(default_factory=dict)
+    """Longest side in metres by object id, overriding every other statement. Changing a size reruns only
+    ``modes`` and what reads it."""

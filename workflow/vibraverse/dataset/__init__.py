@@ -1,0 +1,1 @@
+"""Record schema, shards, splits and readers."""

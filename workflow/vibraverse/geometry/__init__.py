@@ -1,0 +1,1 @@
+"""Cleaning, grids, hollowing and tetrahedra: arrays in, arrays out, no file paths."""

@@ -1,0 +1,96 @@
+"""Run one function in a child process with a time and a memory limit.
+
+Meshers hang and crash on real models. In a child they cost one object, not the run: a timeout, a crash or
+an exhausted memory limit becomes a refusal that carries the tool's last words.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from vibraverse.refusal import Refused
+
+_TAIL = 600
+
+
+def _child(connection, log: str, memory_mb: int, function: Callable, arguments: tuple) -> None:
+    import resource
+
+    with open(log, "wb", buffering=0) as file:
+        os.dup2(file.fileno(), 1)
+        os.dup2(file.fileno(), 2)
+    limit = memory_mb * 2**20
+    resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    try:
+        result = ("ok", function(*arguments))
+    except Refused as refused:
+        result = ("refused", refused)
+    except MemoryError:
+        result = ("memory", None)
+    except Exception as error:
+        result = ("error", f"{type(error).__name__}: {error}")
+    connection.send(result)
+    connection.close()
+
+
+def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, what: str):
+    """Return ``function(*arguments)``, computed in a child process with limits.
+
+    ``function`` must be importable and its arguments and result picklable; ``what`` names the tool in the
+    refusal ("gmsh"). ``memory_mb`` limits the child's address space.
+
+    Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
+    crash or an exception, or the :class:`Refused` that the function itself raised.
+    """
+    context = multiprocessing.get_context("spawn")
+    receiver, sender = context.Pipe(duplex=False)
+    handle, log = tempfile.mkstemp(prefix="vibraverse-", suffix=".log")
+    os.close(handle)
+    process = context.Process(target=_child, args=(sender, log, memory_mb, function, arguments), daemon=True)
+    try:
+        process.start()
+        sender.close()
+        try:
+            status, value = receiver.recv() if receiver.poll(seconds) else ("timeout", None)
+        except EOFError:
+            status, value = "crash", None
+        if status == "timeout":
+            process.kill()
+        process.join()
+        words = Path(log).read_bytes()[-_TAIL:].decode(errors="replace").strip()
+    finally:
+        if process.is_alive():
+            process.kill()
+            process.join()
+        receiver.close()
+        Path(log).unlink(missing_ok=True)
+    if status == "ok":
+        return value
+    if status == "refused":
+        raise value
+    print(f"{what}: {status}; last words: {words}", file=sys.stderr)
+    said = f" Its last words: {words.splitlines()[-1]}" if words else ""
+    if status == "timeout":
+        raise Refused(
+            "limit",
+            f"{what} was stopped after {seconds:g} s.{said}",
+            "Raise limits.seconds, or simplify the mesh.",
+        )
+    if status == "memory" or process.exitcode == -signal.SIGKILL:
+        raise Refused(
+            "limit",
+            f"{what} needed more than {memory_mb} MB.{said}",
+            "Raise limits.memory_mb, or simplify the mesh.",
+        )
+    if status == "crash":
+        number = -(process.exitcode or 0)
+        name = signal.Signals(number).name if number > 0 else f"exit status {process.exitcode}"
+        raise Refused("meshing_failed", f"{what} crashed ({name}).{said}", "Repair or simplify the mesh.")
+    raise Refused("meshing_failed", f"{what} failed: {value}.{said}", "Repair or simplify the mesh.")

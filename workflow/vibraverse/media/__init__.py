@@ -1,0 +1,1 @@
+"""Audio and picture rendering."""

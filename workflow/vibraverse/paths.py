@@ -1,0 +1,69 @@
+"""Every path pattern of the workflow, in one place.
+
+Patterns carry Snakemake's wildcards ``{object}`` and ``{solidity}``; :meth:`Paths.at` fills them in. Rules,
+targets, the dataset and the report take paths from here and never build them by hand.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+SOLIDITIES = ("solid", "hollow")
+
+
+class Paths:
+    """The path patterns below one results folder."""
+
+    def __init__(self, results: str | Path = "results"):
+        self.results = str(results)
+        object_ = f"{self.results}/objects/{{object}}"
+        body = f"{object_}/{{solidity}}"
+        self.object, self.body = object_, body
+
+        self.source_mesh = f"{object_}/source.mesh"
+        self.source_record = f"{object_}/source.json"
+        self.surface = f"{object_}/surface.ply"
+        self.clean_record = f"{object_}/clean.json"
+        self.grids = f"{object_}/grids.h5"
+        self.coarse = f"{object_}/coarse.obj"
+        self.hollow_surface = f"{object_}/hollow/surface.ply"
+        self.hollow_record = f"{object_}/hollow/hollow.json"
+        self.view = f"{object_}/views/{{look}}-{{view}}.png"
+        self.images_record = f"{object_}/views/images.json"
+
+        self.tets = f"{body}/tets.msh"
+        self.tets_record = f"{body}/tets.json"
+        self.basis = f"{body}/basis.h5"
+        self.modes = f"{body}/modes.h5"
+        self.sound = f"{body}/sounds/{{material}}.wav"
+        self.audio_record = f"{body}/sounds/audio.json"
+
+        self.dataset = f"{self.results}/dataset"
+        self.shard = f"{self.dataset}/shards/{{shard}}.h5"
+        self.index = f"{self.dataset}/index.tsv"
+        self.refusals = f"{self.dataset}/refusals.tsv"
+        self.dataset_record = f"{self.dataset}/dataset.json"
+        self.verdict = f"{self.results}/verdict.json"
+        self.report = f"{self.results}/report/index.html"
+
+    @staticmethod
+    def at(pattern: str, **wildcards: str) -> str:
+        """Fill in the wildcards of a pattern."""
+        return pattern.format(**wildcards)
+
+    def boundary(self, wildcards) -> str:
+        """Return the surface that bounds a body: the object's own, or the one with the cavity."""
+        return self.surface if wildcards.solidity == "solid" else self.hollow_surface
+
+    def log(self, stage: str, *wildcards: str) -> str:
+        """Return the log pattern of a stage, e.g. ``log("tets", "object", "solidity")``."""
+        return self._side("logs", stage, wildcards, "log")
+
+    def benchmark(self, stage: str, *wildcards: str) -> str:
+        """Return the pattern of the file in which Snakemake notes a job's time and memory."""
+        return self._side("benchmarks", stage, wildcards, "tsv")
+
+    def _side(self, folder: str, stage: str, wildcards: tuple[str, ...], suffix: str) -> str:
+        name = ".".join([stage, *(f"{{{w}}}" for w in wildcards[1:])])
+        middle = f"{{{wildcards[0]}}}/" if wildcards else ""
+        return f"{self.results}/{folder}/{middle}{name}.{suffix}"

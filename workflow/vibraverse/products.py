@@ -1,0 +1,85 @@
+"""Files that appear whole or not at all, and what each says about where it came from."""
+
+from __future__ import annotations
+
+import glob
+import hashlib
+import importlib.metadata
+import json
+import os
+from contextlib import contextmanager
+from pathlib import Path
+
+
+def sha256(path: str | Path) -> str:
+    """Return the hexadecimal SHA-256 of a file's bytes."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def aside(path: str | Path) -> Path:
+    """Return the name beside ``path`` under which it is written before it appears.
+
+    The extension stays last because many writers choose the format by it.
+    """
+    path = Path(path)
+    return path.with_name(f".{os.getpid()}.partial.{path.name}")
+
+
+def remove_partials(path: Path) -> None:
+    """Remove what a killed run left beside ``path``."""
+    for stale in path.parent.glob(f".*.partial.{glob.escape(path.name)}"):
+        stale.unlink(missing_ok=True)
+
+
+def publish(partial: Path, final: Path) -> None:
+    """Flush ``partial`` to disk and rename it to ``final`` in one step."""
+    with open(partial, "rb+") as file:
+        os.fsync(file.fileno())
+    os.replace(partial, final)
+
+
+@contextmanager
+def whole(path: str | Path):
+    """Yield a temporary path; on success it becomes ``path``, on failure it is removed."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = aside(path)
+    try:
+        yield partial
+        publish(partial, path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def write_text(path: str | Path, text: str) -> None:
+    """Write UTF-8 text to ``path``, whole or not at all."""
+    with whole(path) as partial:
+        partial.write_text(text, encoding="utf-8")
+
+
+def write_json(path: str | Path, value) -> None:
+    """Write JSON (sorted only by the writer's own order, NumPy numbers allowed), whole or not at all."""
+    write_text(path, json.dumps(value, indent=2, ensure_ascii=False, default=_plain) + "\n")
+
+
+def _plain(value):
+    """Turn NumPy scalars and arrays into what JSON knows."""
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    raise TypeError(f"cannot store {type(value).__name__} as JSON")
+
+
+def library_versions(names) -> dict[str, str]:
+    """Return the installed versions of the named distributions."""
+    return {name: importlib.metadata.version(name) for name in names}
+
+
+def write_provenance(h5, provenance: dict) -> None:
+    """Store the provenance of a product as one JSON attribute of an open HDF5 file."""
+    h5.attrs["provenance"] = json.dumps(provenance, ensure_ascii=False, default=_plain)
+
+
+def read_json(path: str | Path):
+    """Read a JSON file."""
+    return json.loads(Path(path).read_text(encoding="utf-8"))

@@ -1,0 +1,1 @@
+"""Where objects come from: parametric shape families, bundled models, mesh folders, Objaverse."""

@@ -1,0 +1,18 @@
+"""One module per stage: reads files, calls the library, writes files. No mathematics here."""
+
+#: Stage versions, in the order of the chain. Raise one when the stage's products change for the same
+#: inputs: every rule carries its stage's version as a parameter, so Snakemake reruns what depends on it.
+VERSIONS = {
+    "sources": 1,
+    "clean": 1,
+    "grids": 1,
+    "hollow": 1,
+    "tets": 1,
+    "basis": 1,
+    "modes": 1,
+    "audio": 1,
+    "images": 1,
+    "dataset": 1,
+    "index": 1,
+    "report": 1,
+}
