@@ -61,7 +61,7 @@ def set_threads(threads: int) -> None:
     """Fix the thread count and the rounding of BLAS before any numerical library is loaded."""
     for variable in _THREAD_VARIABLES:
         os.environ[variable] = str(threads)
-    os.environ.setdefault("MKL_CBWR", "COMPATIBLE")
+    os.environ.setdefault("MKL_CBWR", "AVX2,STRICT")
 
 
 def main(argv: list[str] | None = None) -> int:

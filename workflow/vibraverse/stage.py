@@ -77,7 +77,7 @@ class Job:
         inputs = {}
         for name, value in self.inputs.items():
             if isinstance(value, list):
-                inputs[name] = {str(path): products.sha256(path) for path in value}
+                inputs[name] = {path.name: products.sha256(path) for path in value}
             elif value is not None:
                 inputs[name] = products.sha256(value)
         return {

@@ -2,9 +2,20 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from vibraverse.config.base import Section
+
+
+def _shares_add_up(splits: dict[str, float]) -> dict[str, float]:
+    for name, share in splits.items():
+        if not name.replace("-", "").replace("_", "").isalnum():
+            raise ValueError(f"the split name {name!r} may hold only letters, digits, '-' and '_'")
+        if share < 0:
+            raise ValueError(f"the share of {name!r} must not be negative, not {share:g}")
+    if abs(sum(splits.values()) - 1.0) > 1e-6:
+        raise ValueError(f"the shares must add up to 1, not {sum(splits.values()):g}")
+    return splits
 
 
 class Dataset(Section):
@@ -18,6 +29,38 @@ class Dataset(Section):
 
     max_refused_share: float = Field(0.5, ge=0, le=1)
     """The run fails when a larger share of the objects is refused."""
+
+    @field_validator("splits")
+    @classmethod
+    def _valid_splits(cls, splits):
+        return _shares_add_up(splits)
+
+
+class ShardOptions(Section):
+    """What one shard holds; the workflow fills this in from the rest of the configuration."""
+
+    results: str = Field("results", exclude=True)
+    """Folder of all products. Where a shard is made does not change its bytes, so its record omits this."""
+
+    objects: list[str] = Field(default_factory=list, exclude=True)
+    """Ids of the objects in the shard; its groups list them."""
+
+    materials: list[str] = Field(min_length=1)
+    """Materials to pack."""
+
+    solidities: list[str] = Field(default_factory=lambda: ["solid", "hollow"], min_length=1)
+    """Bodies to pack."""
+
+    looks: list[str] = Field(default_factory=list)
+    """Looks of the pictures to pack."""
+
+    splits: dict[str, float] = Field(default_factory=lambda: Dataset().splits)
+    """Share of the objects in each split."""
+
+    @field_validator("splits")
+    @classmethod
+    def _valid_splits(cls, splits):
+        return _shares_add_up(splits)
 
 
 class Report(Section):

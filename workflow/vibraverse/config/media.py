@@ -29,6 +29,20 @@ class Audio(Section):
     location-invariant sound."""
 
 
+    def names(self, materials) -> list[str]:
+        """Return the sounds of a body, by the stems of their files: ``ceramic``, ``ceramic-p0``, …"""
+        struck = ["", *(f"-p{index}" for index in range(len(self.points)))]
+        return [f"{material}{suffix}" for material in materials for suffix in struck]
+
+
+def split_sound(name: str, materials) -> tuple[str | None, int | None]:
+    """Return the material and the number of the struck point that a sound's name means; None where none."""
+    if name in materials:
+        return name, None
+    material, _, point = name.rpartition("-p")
+    return (material, int(point)) if material in materials and point.isdigit() else (None, None)
+
+
 class Images(Section):
     """Views of the outside."""
 
@@ -40,3 +54,7 @@ class Images(Section):
 
     size_px: int = Field(256, ge=32, le=4096)
     """Width and height in pixels."""
+
+    def names(self) -> list[str]:
+        """Return the pictures of an object, by the stems of their files: ``clay-00``, ``clay-01``, …"""
+        return [f"{look}-{view:02d}" for look in self.looks for view in range(self.views)]

@@ -43,14 +43,14 @@ class Basis(Section):
     poisson_nodes: list[Poisson] = Field(default_factory=lambda: [0.1, 0.2, 0.3, 0.4], min_length=1)
     """Values of Poisson's ratio at which the sparse problem is solved."""
 
-    method: Literal["auto", "arpack", "dense"] = "auto"
-    """Eigensolver: ``auto`` takes ARPACK, or a dense solve where the mesh is tiny."""
+    method: Literal["auto", "lanczos", "arpack", "dense"] = "auto"
+    """Eigensolver: ``auto`` takes block Lanczos, or a dense solve where the mesh is tiny."""
 
     factorisation: Literal["auto", "pardiso", "superlu"] = "auto"
     """Sparse factorisation: ``auto`` takes PARDISO where it is installed, else SuperLU."""
 
-    tolerance: PositiveFloat = 1e-8
-    """Relative tolerance of the eigenvalues."""
+    tolerance: float = Field(1e-6, gt=0, le=1e-2)
+    """Relative residual of every eigenpair; eigenvalues are right to about its square."""
 
 
 class Modes(Section):

@@ -67,3 +67,19 @@ class Sources(Section):
     sizes_m: dict[str, PositiveFloat] = Field(default_factory=dict)
     """Longest side in metres by object id, overriding every other statement. Changing a size reruns only
     ``modes`` and what reads it."""
+
+
+class SourceEntry(Section):
+    """Where one object comes from: the options of the stage ``sources``."""
+
+    origin: Literal["generated", "bundled", "files", "objaverse"] = "generated"
+    """``generated`` and ``bundled`` objects are named by their id, ``files`` by the input."""
+
+    licence: str = "unknown"
+    """Licence of a mesh of your own."""
+
+    uid: str | None = None
+    """Objaverse UID."""
+
+    cache: str = Field("~/.objaverse", exclude=True)
+    """Folder of the Objaverse cache; it is no part of what an object is, so no record names it."""

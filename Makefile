@@ -1,0 +1,47 @@
+# VibraVerse: `make demo` runs the default workflow, `make test` the tests. Both install what they need.
+
+VENV ?= .venv
+LEARN ?= .venv-learn
+CORES ?= all
+SHELL := /bin/bash
+.DEFAULT_GOAL := help
+.PHONY: help env demo test lint lock clean dev learn
+unexport PYTHONPATH PYTHONHOME
+
+# The environment's commands first, so that rules and tests find `vibraverse`.
+IN_VENV = PATH="$$(realpath '$(VENV)')/bin:$$PATH"
+
+help:  ## list these commands
+	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
+
+env:  ## make or update .venv; install missing system libraries with apt where possible
+	@envs/env.sh '$(VENV)' workstation
+
+demo: env  ## run the default workflow, to results/report/index.html
+	@$(IN_VENV) snakemake --cores $(CORES) --workflow-profile workflow/profiles/default
+	@echo "The report: file://$(CURDIR)/results/report/index.html"
+
+test: dev  ## run the tests, then those of learning in their own environment
+	@envs/system.sh '$(VENV)/bin/python' test
+	@$(IN_VENV) pytest --ignore tests/learn
+	@$(MAKE) --no-print-directory learn
+	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" pytest tests/learn
+
+lint: dev  ## check formatting, style and the workflow's rules
+	@$(IN_VENV) ruff format --check .
+	@$(IN_VENV) ruff check .
+	@$(IN_VENV) snakefmt --check Snakefile workflow/rules
+	@$(IN_VENV) snakemake --lint
+
+dev:  ## make or update .venv with the tools of development
+	@envs/env.sh '$(VENV)' dev
+
+learn:  ## make or update .venv-learn, the environment with torch
+	@envs/env.sh '$(LEARN)' learn pytest
+
+lock: env  ## write envs/*.txt and envs/*.yaml anew from pyproject.toml (UPGRADE=1: newest versions)
+	@$(IN_VENV) python envs/lock.py $(if $(UPGRADE),--upgrade)
+
+clean:  ## remove environments and caches; results stay
+	@for venv in '$(VENV)' '$(LEARN)'; do if [ -e "$$venv/.vibraverse" ]; then rm -rf "$$venv"; fi; done
+	rm -rf .pytest_cache .ruff_cache .hypothesis workflow/*.egg-info

@@ -1,0 +1,37 @@
+# From a folder of meshes to a dataset and its report. Rules are contracts: each calls one `vibraverse` subcommand.
+from snakemake.utils import min_version
+
+min_version("9.20")
+
+
+configfile: "config.yaml"
+
+
+include: "workflow/rules/common.smk"
+include: "workflow/rules/sources.smk"
+include: "workflow/rules/clean.smk"
+include: "workflow/rules/grids.smk"
+include: "workflow/rules/hollow.smk"
+include: "workflow/rules/tets.smk"
+include: "workflow/rules/basis.smk"
+include: "workflow/rules/modes.smk"
+include: "workflow/rules/audio.smk"
+include: "workflow/rules/images.smk"
+include: "workflow/rules/dataset.smk"
+include: "workflow/rules/report.smk"
+
+
+rule all:
+    default_target: True
+    input:
+        targets.everything(plan),
+
+
+onsuccess:
+    shell("vibraverse refusals --results {plan.paths.results:q} --summary")
+    print(f"Report: {plan.paths.report}")
+
+
+onerror:
+    print("The run did not finish. What is done stays; the same command goes on from here.")
+    print(f"Logs: {plan.paths.results}/logs")

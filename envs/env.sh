@@ -1,0 +1,110 @@
+#!/usr/bin/env bash
+# Make, update or repair a virtual environment: the pinned packages, and this project installed editable.
+#
+#   envs/env.sh FOLDER NAME [PACKAGE…]
+#
+# NAME is an environment of this folder (envs/NAME.txt); each PACKAGE comes on top, in the version envs/dev.txt pins.
+# FOLDER/.vibraverse says what the environment holds. Where that is what is asked for, nothing is done; where it says that
+# a run ended half-way, the environment is made anew. PYTHON chooses the interpreter.
+set -Eeuo pipefail
+
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+folder=$(realpath -m "$1")
+shift
+python=$folder/bin/python
+stamp=$folder/.vibraverse
+
+fail() {
+    echo "$*" >&2
+    exit 1
+}
+
+# The stamp's line for an environment: what it is, and a checksum of all it is made from.
+line() {
+    echo "$* $({ echo "$folder" && cat "envs/$1.txt" envs/bootstrap.txt envs/env.sh pyproject.toml; } | sha256sum)"
+}
+
+up_to_date() {
+    [ -x "$python" ] && grep -qxF -- "$(line "$@")" "$stamp" 2>/dev/null
+}
+
+# The path of a suitable interpreter: the real one behind any virtual environment or shim.
+choose_python() {
+    local candidate
+    for candidate in ${PYTHON:-python3 python3.12 python3.11}; do
+        "$candidate" -I -c 'import sys; assert (3, 11) <= sys.version_info < (3, 13); print(sys._base_executable)' \
+            2>/dev/null && return
+    done
+    fail "Python 3.11 or 3.12 is needed; ${PYTHON:-python3} is $("${PYTHON:-python3}" -V 2>/dev/null || echo not there)." \
+        "Install one of them and name it: make env PYTHON=/path/to/python3.12"
+}
+
+# An empty environment with pip in it. The stamp is written first: it marks the folder as ours.
+make_venv() {
+    local base=$1
+    if [ -d "$folder" ] && [ -n "$(ls -A "$folder")" ] && [ ! -e "$stamp" ]; then
+        fail "$folder was not made by this project, so it is left alone. Move it away, or choose another with VENV=…"
+    fi
+    mkdir -p "$folder"
+    : >>"$stamp"
+    find "$folder/" -mindepth 1 ! -name .vibraverse -delete
+    echo "Making $folder with $("$base" -V)"
+    "$base" -m venv "$folder" || fail "$base could not make a virtual environment in $folder (see above)."
+}
+
+# uv does not read pip's configuration, so what that says (a mirror, a certificate) is passed on.
+use_pip_settings() {
+    local settings option variable value
+    settings=$("$python" -m pip config list)
+    while read -r option variable; do
+        value=$(sed -n "s/^[^=]*\.$option='\(.*\)'\$/\1/p" <<<"$settings" | head -n 1)
+        if [ -n "$value" ] && [ -z "${!variable:-}" ]; then export "$variable=$value"; fi
+    done <<<"index-url UV_DEFAULT_INDEX
+        extra-index-url UV_INDEX
+        find-links UV_FIND_LINKS
+        trusted-host UV_INSECURE_HOST
+        cert SSL_CERT_FILE
+        proxy ALL_PROXY"
+    # uv brings the public certificates; a machine's own may be more.
+    if [ -s /etc/ssl/certs/ca-certificates.crt ]; then export UV_SYSTEM_CERTS=${UV_SYSTEM_CERTS:-true}; fi
+}
+
+# Exactly what envs/$1.txt pins, the packages named after it, and the project.
+install() {
+    local name=$1 lock=envs/$1.txt package pinned=()
+    shift
+    for package; do pinned+=("$(grep -o "^$package==[^ ]*" envs/dev.txt)"); done
+    "$python" -m pip install --quiet --require-hashes -r envs/bootstrap.txt
+    use_pip_settings
+    local uv=$folder/bin/uv quiet=(--quiet)
+    if [ -t 2 ]; then quiet=(); fi # a person watches: show how far it is
+    local checked=(--python "$python" --require-hashes --build-constraints envs/bootstrap.txt
+        --preview-features build-dependency-hashes --require-build-hashes)
+    echo "Installing $(grep -c '^[a-z0-9].*==' "$lock") packages from $lock${*:+ and $*}"
+    "$uv" pip sync "${quiet[@]}" "${checked[@]}" "$lock"
+    if [ $# -gt 0 ]; then
+        "$uv" pip install "${quiet[@]}" "${checked[@]}" -r "$lock" "${pinned[@]}" -c envs/dev.txt
+    fi
+    "$uv" pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
+}
+
+# One at a time: a second call waits here, and then finds the work done.
+exec 9<envs/env.sh
+flock 9 2>/dev/null || true
+if up_to_date "$@"; then
+    exec envs/system.sh "$python" run
+fi
+[ "$(uname -sm)" = "Linux x86_64" ] || fail "The pinned packages are for Linux on x86-64; this is $(uname -sm)."
+base=$(choose_python)
+envs/system.sh "$base" run
+if [ ! -s "$stamp" ] || ! "$python" -m pip --version >/dev/null 2>&1; then
+    make_venv "$base"
+fi
+: >"$stamp"
+trap 'echo "The packages could not be installed (see above); nothing is lost: run the same command again." >&2' ERR
+install "$@"
+trap - ERR
+# A development environment holds all of the workstation's, so it serves as both.
+{ line "$@" && if [ "$*" = dev ]; then line workstation; fi; } >"$stamp.new"
+mv "$stamp.new" "$stamp"
+echo "$folder is ready ($(du -shL "$folder" | cut -f1)B)"

@@ -1,0 +1,253 @@
+"""A small but complete results tree, written without running the stages that really make it.
+
+Shapes are stars around their centre, spectra are drawn from the object's seed; everything else agrees as in a real run:
+frequencies scale with ``sqrt(E/ρ)/L``, sounds are the modes' impulse responses, pictures are PNG files. One object
+is refused by ``clean``, and of another only the hollow body is refused.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+
+import h5py
+import meshio
+import numpy as np
+import soundfile
+import trimesh
+from PIL import Image
+
+from vibraverse import meshfiles, products
+from vibraverse.paths import Paths
+from vibraverse.physics.materials import MATERIALS
+from vibraverse.refusal import Refusal
+from vibraverse.seeds import rng
+
+MATERIAL_NAMES = ("ceramic", "glass", "wood", "steel")
+LOOKS = ("clay", *MATERIAL_NAMES)
+OBJECTS = ("ball-0000", "bar-0000", "leaf")
+SIZE_M = 0.18
+MODES = 64
+
+_SHAPES = {
+    "bar-0000": lambda: trimesh.creation.box((1.8, 0.4, 0.3)).subdivide(),
+    "ball-0000": lambda: trimesh.creation.icosphere(2, 0.9),
+}
+_COLOURS = {
+    "clay": (205, 196, 184),
+    "ceramic": (236, 234, 228),
+    "glass": (150, 200, 205),
+    "wood": (160, 112, 70),
+    "steel": (140, 146, 156),
+}
+
+
+def options(results, objects=OBJECTS, **changes) -> str:
+    """Return the options of the stage ``dataset`` for these products."""
+    return json.dumps(
+        {"results": str(results), "objects": list(objects), "materials": MATERIAL_NAMES, "looks": LOOKS, **changes}
+    )
+
+
+def make(results: Path, objects=OBJECTS, views: int = 3) -> Paths:
+    """Write the products of ``objects``; a name with an unknown shape is drawn as a ball."""
+    paths = Paths(results)
+    for object_id in objects:
+        if object_id == "leaf":
+            _refuse(paths, object_id, "clean", "not_a_solid", "leaf.obj is flat: it bounds no volume.")
+            continue
+        shape = _SHAPES.get(object_id, _SHAPES["ball-0000"])()
+        vertices, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
+        _object(paths, object_id, vertices, faces, views)
+        _body(paths, object_id, "solid", vertices, faces)
+        if object_id.startswith("ball"):
+            _refuse(paths, object_id, "hollow", "too_thin", "The wall of ball-0000 would be too thin.")
+        else:
+            _body(paths, object_id, "hollow", vertices, faces)
+    return paths
+
+
+def shards(results: Path, vibraverse, groups=(("ball-0000", "leaf"), ("bar-0000",))) -> list[Path]:
+    """Pack the products into shards with the stage ``dataset``."""
+    paths = Paths(results)
+    made = [Path(paths.at(paths.shard, shard=str(number))) for number in range(len(groups))]
+    for shard, objects in zip(made, groups, strict=True):
+        status, _, errors = vibraverse("dataset", "--shard", shard, "--options", options(results, objects))
+        assert status == 0, errors
+    return made
+
+
+def index(results: Path, vibraverse, made: list[Path]) -> Paths:
+    """Write index, refusals and record of the shards with the stage ``index``."""
+    paths = Paths(results)
+    outputs = ("--index", paths.index, "--refusals", paths.refusals, "--record", paths.dataset_record)
+    status, _, errors = vibraverse("index", "--shards", *made, *outputs)
+    assert status == 0, errors
+    return paths
+
+
+def provenance(stage: str, object_id: str, solidity: str = "", **values) -> dict:
+    """Return a provenance as a stage states it."""
+    return {
+        "stage": stage,
+        "stage_version": 1,
+        "vibraverse": "0.1.0",
+        "libraries": {"numpy": np.__version__},
+        "object": object_id,
+        "solidity": solidity,
+        "options": values,
+        "input_sha256": {},
+    }
+
+
+def frequencies(object_id: str, solidity: str, material: dict, size_m: float = SIZE_M) -> np.ndarray:
+    """Return the stand-in's eigenfrequencies in Hz."""
+    spread = np.sort(rng(object_id, "spectrum").uniform(0.09, 0.9, MODES))
+    softer = 0.72 if solidity == "hollow" else 1.0
+    return spread * softer * np.sqrt(material["young_pa"] / material["density_kg_m3"]) / size_m
+
+
+def _refuse(paths: Paths, object_id: str, stage: str, reason: str, message: str) -> None:
+    """Put a refusal where the products of ``stage`` and of all later stages would be."""
+    text = Refusal(object_id, stage, reason, message, "Use a closed mesh with a thicker wall.").to_text()
+    below = ("hollow_surface", "hollow_record", "tets", "tets_record", "basis", "modes", "audio_record")
+    solidities = ("hollow",)
+    if stage == "clean":
+        solidities = ("solid", "hollow")
+        below = ("surface", "clean_record", "grids", "coarse", "images_record", *below)
+        source = {"object": object_id, "origin": "files", "format": "obj", "file": "leaf.obj"}
+        source["provenance"] = provenance("sources", object_id)
+        products.write_json(paths.at(paths.source_record, object=object_id), source)
+        products.write_text(paths.at(paths.source_mesh, object=object_id), "v 0 0 0\n")
+    for name in below:
+        for solidity in solidities:
+            products.write_text(paths.at(getattr(paths, name), object=object_id, solidity=solidity), text)
+
+
+def _object(paths: Paths, object_id: str, vertices, faces, views: int) -> None:
+    def at(pattern: str, **more) -> Path:
+        path = Path(paths.at(pattern, object=object_id, **more))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    family = object_id.split("-")[0]
+    source = {
+        "object": object_id,
+        "origin": "generated",
+        "format": "ply",
+        "file": f"{object_id}.ply",
+        "title": f"A {family}",
+        "category": family,
+        "licence": "CC0-1.0",
+        "attribution": None,
+        "size_m": SIZE_M,
+        "unit_m": None,
+        "parameters": {"length": 1.0},
+        "provenance": provenance("sources", object_id, seed=object_id),
+    }
+    products.write_json(at(paths.source_record), source)
+    meshfiles.write_ply(at(paths.source_mesh), vertices, faces)
+    meshfiles.write_ply(at(paths.surface), vertices, faces)
+    clean = {
+        "object": object_id,
+        "rung": "as it is",
+        "repairs": [],
+        "vertices": len(vertices),
+        "triangles": len(faces),
+        "centre": [0.0, 0.0, 0.0],
+        "scale": 1.0,
+        "genus": 0,
+        "provenance": provenance("clean", object_id, max_triangles=2_000_000),
+    }
+    products.write_json(at(paths.clean_record), clean)
+    grid = -1 + (2 * np.arange(16) + 1) / 16
+    distance = np.linalg.norm(np.stack(np.meshgrid(grid, grid, grid, indexing="ij")), axis=0) - 0.7
+    with h5py.File(at(paths.grids), "w") as h5:
+        h5["occupancy"] = (distance < 0).astype(np.uint8)
+        h5["signed_distance"] = distance.astype(np.float32)
+        products.write_provenance(h5, provenance("grids", object_id, coarse=16))
+    box = trimesh.creation.box((1, 1, 1))
+    at(paths.coarse).write_text(box.export(file_type="obj"))
+    for look in LOOKS:
+        for view in range(views):
+            at(paths.view, look=look, view=f"{view:02d}").write_bytes(_picture(look, view))
+    images = {
+        "views": [{"azimuth_deg": 360.0 * view / views, "elevation_deg": 25.0} for view in range(views)],
+        "looks": list(LOOKS),
+        "size_px": 96,
+        "provenance": provenance("images", object_id, views=views),
+    }
+    products.write_json(at(paths.images_record), images)
+
+
+def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
+    def at(pattern: str, **more) -> Path:
+        path = Path(paths.at(pattern, object=object_id, solidity=solidity, **more))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    if solidity == "hollow":
+        inner = np.concatenate([vertices, 0.5 * vertices])
+        both = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
+        meshfiles.write_ply(at(paths.hollow_surface), inner, both)
+        record = {"t": 0.5, "s_min": -0.3, "provenance": provenance("hollow", object_id, "hollow")}
+        products.write_json(at(paths.hollow_record), record)
+    points = np.concatenate([vertices, [[0.0, 0.0, 0.0]]])
+    tets = np.column_stack([faces[:, ::-1], np.full(len(faces), len(vertices))])
+    meshio.write(at(paths.tets), meshio.Mesh(points, {"tetra": tets}), file_format="gmsh", binary=True)
+    corners = points[tets]
+    volume = float(np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6)
+    record = {"vertices": len(points), "tetrahedra": len(tets), "volume": volume}
+    record["provenance"] = provenance("tets", object_id, solidity, target_elements=6000)
+    products.write_json(at(paths.tets_record), record)
+
+    random = rng(object_id, solidity)
+    rank = 8
+    with h5py.File(at(paths.basis), "w") as h5:
+        h5.attrs["order"], h5.attrs["poisson_nodes"] = 2, [0.1, 0.4]
+        h5["reduced/lambda"], h5["reduced/mu"] = np.eye(rank), 2 * np.eye(rank)
+        h5["surface/vertices"], h5["surface/faces"] = vertices, faces.astype(np.int32)
+        h5["surface/basis"] = random.normal(size=(len(vertices), 3, rank)).astype(np.float32)
+        products.write_provenance(h5, provenance("basis", object_id, solidity, order=2))
+    sounds = {}
+    with h5py.File(at(paths.modes), "w") as h5:
+        h5.attrs.update(object=object_id, solidity=solidity, size_m=SIZE_M, scale_m=SIZE_M / 1.8)
+        h5["surface/vertices"], h5["surface/faces"] = vertices.astype(np.float32), faces.astype(np.int32)
+        for name in MATERIAL_NAMES:
+            material = MATERIALS[name]
+            group = h5.create_group(f"materials/{name}")
+            group.attrs.update(material)
+            hz = frequencies(object_id, solidity, material)
+            damping = 0.5 * (material["alpha_per_s"] + material["beta_s"] * (2 * np.pi * hz) ** 2)
+            group["frequencies_hz"], group["damping_per_s"] = hz, damping
+            group["damped_frequencies_hz"] = np.sqrt(np.maximum(hz**2 - (damping / (2 * np.pi)) ** 2, 0))
+            group["relative_error"] = np.full(MODES, 1e-6)
+            shapes = random.normal(size=(MODES, len(vertices), 3))
+            group["mode_shapes"] = shapes.astype(np.float32)
+            gain, samples = _sound(hz, damping)
+            soundfile.write(at(paths.sound, material=name), samples, 44_100, subtype="PCM_24")
+            sounds[name] = {"gain": gain, "duration_s": len(samples) / 44_100, "modes_rendered": MODES}
+        products.write_provenance(h5, provenance("modes", object_id, solidity, modes=MODES))
+    record = {"sample_rate_hz": 44_100, "sounds": sounds, "provenance": provenance("audio", object_id, solidity)}
+    products.write_json(at(paths.audio_record), record)
+
+
+def _sound(hz, damping) -> tuple[float, np.ndarray]:
+    time = np.arange(int(min(1.5, 6.9 / damping.min()) * 44_100)) / 44_100
+    heard = hz < 22_050
+    waves = np.exp(-np.outer(time, damping[heard])) * np.sin(2 * np.pi * np.outer(time, hz[heard]))
+    samples = (waves / hz[heard]).sum(axis=1)
+    gain = 0.9 / np.abs(samples).max()
+    return float(gain), gain * samples
+
+
+def _picture(look: str, view: int) -> bytes:
+    axis = np.linspace(-1, 1, 96)
+    x, y = np.meshgrid(axis, axis)
+    inside = x**2 + y**2 < 0.7
+    light = np.clip(0.55 + 0.45 * (np.cos(view) * -x - y), 0.2, 1.0)[..., None]
+    pixels = np.where(inside[..., None], np.array(_COLOURS[look]) * light, 245).astype(np.uint8)
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, format="PNG")
+    return file.getvalue()

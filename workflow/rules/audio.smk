@@ -1,0 +1,32 @@
+# The impact sounds of all materials of a body.
+
+
+rule audio:
+    input:
+        modes=paths.modes,
+    output:
+        sounds=targets.sounds(plan),
+        record=paths.audio_record,
+    params:
+        options=plan.options("audio"),
+        version=VERSIONS["audio"],
+    log:
+        paths.log("audio", "object", "solidity"),
+    benchmark:
+        paths.benchmark("audio", "object", "solidity")
+    threads: 1
+    resources:
+        mem_mb=memory("light"),
+        runtime=minutes("light"),
+    conda:
+        "../../envs/fem.yaml"
+    message:
+        "{wildcards.object}, {wildcards.solidity}: impact sounds"
+    shell:
+        "vibraverse audio "
+        "--object {wildcards.object} --solidity {wildcards.solidity} "
+        "--modes {input.modes:q} "
+        "--sounds {output.sounds:q} "
+        "--record {output.record:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"

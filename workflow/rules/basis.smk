@@ -1,0 +1,30 @@
+# The material-independent modal basis: the costly solve, once per body.
+
+
+rule basis:
+    input:
+        tets=paths.tets,
+    output:
+        basis=paths.basis,
+    params:
+        options=plan.options("basis"),
+        version=VERSIONS["basis"],
+    log:
+        paths.log("basis", "object", "solidity"),
+    benchmark:
+        paths.benchmark("basis", "object", "solidity")
+    threads: 1
+    resources:
+        mem_mb=memory("solver"),
+        runtime=minutes("solver"),
+    conda:
+        "../../envs/fem.yaml"
+    message:
+        "{wildcards.object}, {wildcards.solidity}: modal basis"
+    shell:
+        "vibraverse basis "
+        "--object {wildcards.object} --solidity {wildcards.solidity} "
+        "--tets {input.tets:q} "
+        "--basis {output.basis:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"

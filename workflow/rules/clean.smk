@@ -1,0 +1,34 @@
+# A closed, oriented, manifold surface in [-1, 1]³.
+
+
+rule clean:
+    input:
+        mesh=paths.source_mesh,
+        source_record=paths.source_record,
+    output:
+        surface=paths.surface,
+        record=paths.clean_record,
+    params:
+        options=plan.options("clean"),
+        version=VERSIONS["clean"],
+    log:
+        paths.log("clean", "object"),
+    benchmark:
+        paths.benchmark("clean", "object")
+    threads: 1
+    resources:
+        mem_mb=memory("geometry"),
+        runtime=minutes("geometry"),
+    conda:
+        "../../envs/geometry.yaml"
+    message:
+        "{wildcards.object}: clean the surface"
+    shell:
+        "vibraverse clean "
+        "--object {wildcards.object} "
+        "--mesh {input.mesh:q} "
+        "--source-record {input.source_record:q} "
+        "--surface {output.surface:q} "
+        "--record {output.record:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"

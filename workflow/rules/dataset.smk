@@ -1,0 +1,58 @@
+# One HDF5 shard from the products of its objects, then the index over all shards.
+
+
+rule dataset:
+    input:
+        products=lambda wildcards: targets.shard_products(plan, wildcards.shard),
+    output:
+        shard=paths.shard,
+    params:
+        options=lambda wildcards: plan.options("dataset", shard=wildcards.shard),
+        version=VERSIONS["dataset"],
+    log:
+        paths.log("dataset", "shard"),
+    benchmark:
+        paths.benchmark("dataset", "shard")
+    threads: 1
+    resources:
+        mem_mb=memory("collect"),
+        runtime=minutes("collect"),
+    conda:
+        "../../envs/dataset.yaml"
+    message:
+        "dataset shard {wildcards.shard}"
+    shell:
+        "vibraverse dataset "
+        "--shard {output.shard:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"
+
+
+rule index:
+    input:
+        shards=targets.shards(plan),
+    output:
+        index=paths.index,
+        refusals=paths.refusals,
+        record=paths.dataset_record,
+    params:
+        version=VERSIONS["index"],
+    log:
+        paths.log("index"),
+    benchmark:
+        paths.benchmark("index")
+    threads: 1
+    resources:
+        mem_mb=memory("collect"),
+        runtime=minutes("collect"),
+    conda:
+        "../../envs/dataset.yaml"
+    message:
+        "index of the dataset"
+    shell:
+        "vibraverse index "
+        "--shards {input.shards:q} "
+        "--index {output.index:q} "
+        "--refusals {output.refusals:q} "
+        "--record {output.record:q} "
+        "--threads {threads} > {log} 2>&1"

@@ -1,0 +1,32 @@
+# Occupancy and signed distance of the solid.
+
+
+rule grids:
+    input:
+        surface=paths.surface,
+    output:
+        grids=paths.grids,
+        coarse=paths.coarse,
+    params:
+        options=plan.options("grids"),
+        version=VERSIONS["grids"],
+    log:
+        paths.log("grids", "object"),
+    benchmark:
+        paths.benchmark("grids", "object")
+    threads: 1
+    resources:
+        mem_mb=memory("geometry"),
+        runtime=minutes("geometry"),
+    conda:
+        "../../envs/geometry.yaml"
+    message:
+        "{wildcards.object}: voxels and signed distance"
+    shell:
+        "vibraverse grids "
+        "--object {wildcards.object} "
+        "--surface {input.surface:q} "
+        "--grids {output.grids:q} "
+        "--coarse {output.coarse:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"

@@ -1,0 +1,34 @@
+# The surface of the body with its inside taken out.
+
+
+rule hollow:
+    input:
+        surface=paths.surface,
+        grids=paths.grids,
+    output:
+        hollow_surface=paths.hollow_surface,
+        record=paths.hollow_record,
+    params:
+        options=plan.options("hollow"),
+        version=VERSIONS["hollow"],
+    log:
+        paths.log("hollow", "object"),
+    benchmark:
+        paths.benchmark("hollow", "object")
+    threads: 1
+    resources:
+        mem_mb=memory("geometry"),
+        runtime=minutes("geometry"),
+    conda:
+        "../../envs/geometry.yaml"
+    message:
+        "{wildcards.object}: hollow the body"
+    shell:
+        "vibraverse hollow "
+        "--object {wildcards.object} "
+        "--surface {input.surface:q} "
+        "--grids {input.grids:q} "
+        "--hollow-surface {output.hollow_surface:q} "
+        "--record {output.record:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"

@@ -1,0 +1,32 @@
+# Frequencies, damping and shapes of all materials of a body: milliseconds each.
+
+
+rule modes:
+    input:
+        basis=paths.basis,
+        clean_record=paths.clean_record,
+    output:
+        modes=paths.modes,
+    params:
+        options=lambda wildcards: plan.options("modes", object_=wildcards.object),
+        version=VERSIONS["modes"],
+    log:
+        paths.log("modes", "object", "solidity"),
+    benchmark:
+        paths.benchmark("modes", "object", "solidity")
+    threads: 1
+    resources:
+        mem_mb=memory("light"),
+        runtime=minutes("light"),
+    conda:
+        "../../envs/fem.yaml"
+    message:
+        "{wildcards.object}, {wildcards.solidity}: modes of all materials"
+    shell:
+        "vibraverse modes "
+        "--object {wildcards.object} --solidity {wildcards.solidity} "
+        "--basis {input.basis:q} "
+        "--clean-record {input.clean_record:q} "
+        "--modes {output.modes:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"

@@ -1,0 +1,57 @@
+# The page people open, and the verdict on the run.
+
+
+rule report:
+    input:
+        shards=targets.shards(plan),
+        index=paths.index,
+        refusals=paths.refusals,
+        record=paths.dataset_record,
+    output:
+        page=paths.report,
+    params:
+        options=plan.options("report"),
+        version=VERSIONS["report"],
+    log:
+        paths.log("report"),
+    benchmark:
+        paths.benchmark("report")
+    threads: 1
+    resources:
+        mem_mb=memory("collect"),
+        runtime=minutes("collect"),
+    conda:
+        "../../envs/report.yaml"
+    message:
+        "the report"
+    shell:
+        "vibraverse report "
+        "--shards {input.shards:q} "
+        "--index {input.index:q} "
+        "--refusals {input.refusals:q} "
+        "--record {input.record:q} "
+        "--page {output.page:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"
+
+
+rule verdict:
+    input:
+        record=paths.dataset_record,
+        page=paths.report,
+    output:
+        verdict=paths.verdict,
+    params:
+        share=plan.config.dataset.max_refused_share,
+    log:
+        paths.log("verdict"),
+    threads: 1
+    resources:
+        mem_mb=memory("light"),
+        runtime=minutes("light"),
+    conda:
+        "../../envs/dataset.yaml"
+    message:
+        "the verdict on the run"
+    shell:
+        "vibraverse refusals --record {input.record:q} --check {params.share} --verdict {output.verdict:q} 2> {log}"

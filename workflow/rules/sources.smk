@@ -1,0 +1,32 @@
+# A mesh as it came, with where it came from.
+
+
+rule sources:
+    input:
+        file=lambda wildcards: [str(plan.objects[wildcards.object].input)] if plan.objects[wildcards.object].input else [],
+    output:
+        mesh=paths.source_mesh,
+        record=paths.source_record,
+    params:
+        options=lambda wildcards: plan.options("sources", object_=wildcards.object),
+        version=VERSIONS["sources"],
+    log:
+        paths.log("sources", "object"),
+    benchmark:
+        paths.benchmark("sources", "object")
+    threads: 1
+    resources:
+        mem_mb=memory("light"),
+        runtime=minutes("light"),
+    conda:
+        "../../envs/geometry.yaml"
+    message:
+        "{wildcards.object}: get the mesh"
+    shell:
+        "vibraverse sources "
+        "--object {wildcards.object} "
+        "--file {input.file:q} "
+        "--mesh {output.mesh:q} "
+        "--record {output.record:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"

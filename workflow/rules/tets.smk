@@ -1,0 +1,32 @@
+# Tetrahedra of the solid or the hollow body, by one path for both.
+
+
+rule tets:
+    input:
+        surface=paths.boundary,
+    output:
+        tets=paths.tets,
+        record=paths.tets_record,
+    params:
+        options=plan.options("tets"),
+        version=VERSIONS["tets"],
+    log:
+        paths.log("tets", "object", "solidity"),
+    benchmark:
+        paths.benchmark("tets", "object", "solidity")
+    threads: 1
+    resources:
+        mem_mb=memory("geometry"),
+        runtime=minutes("geometry"),
+    conda:
+        "../../envs/geometry.yaml"
+    message:
+        "{wildcards.object}, {wildcards.solidity}: tetrahedra"
+    shell:
+        "vibraverse tets "
+        "--object {wildcards.object} --solidity {wildcards.solidity} "
+        "--surface {input.surface:q} "
+        "--tets {output.tets:q} "
+        "--record {output.record:q} "
+        "--options {params.options:q} "
+        "--threads {threads} > {log} 2>&1"

@@ -1,0 +1,44 @@
+"""``vibraverse config``: check a configuration, show it with all defaults, print its JSON schema."""
+
+from __future__ import annotations
+
+import argparse
+
+from vibraverse.cli import UsageError
+from vibraverse.config import Config, ConfigError, load, schema_text
+
+
+def main(argv: list[str]) -> int:
+    """Run one of the three actions."""
+    parser = argparse.ArgumentParser(prog="vibraverse config", description="Check or show a configuration.")
+    actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
+    for name, text in (
+        ("check", "say whether the configuration is valid"),
+        ("show", "print the configuration with every default filled in"),
+    ):
+        action = actions.add_parser(name, help=text, description=text)
+        action.add_argument("file", nargs="?", default="config.yaml", metavar="FILE", help="default config.yaml")
+    actions.add_parser("schema", help="print the JSON schema, for editors that check while you type")
+    chosen = parser.parse_args(argv)
+
+    if chosen.action == "schema":
+        print(schema_text(), end="")
+        return 0
+    config = _load(chosen.file)
+    print(_resolved(config) if chosen.action == "show" else f"{chosen.file} is valid.", end="\n")
+    return 0
+
+
+def _load(path: str) -> Config:
+    try:
+        return load(path)
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
+
+
+def _resolved(config: Config) -> str:
+    import yaml
+
+    return yaml.safe_dump(
+        config.model_dump(mode="json"), sort_keys=False, allow_unicode=True, default_flow_style=None
+    ).rstrip()

@@ -1,0 +1,174 @@
+"""Reading a dataset with NumPy alone.
+
+Handles open late and once per process, so a reader may be handed to data-loader workers: each opens its own.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from vibraverse.config import unknown
+from vibraverse.dataset import schema
+from vibraverse.dataset.tables import from_tsv
+
+#: What a sample holds unless asked otherwise: what every task needs, small, and of one shape for all bodies.
+DEFAULT_FIELDS = ("frequencies_hz", "damping_per_s", "size_m", "density_kg_m3", "young_pa", "poisson")
+
+
+class Reader:
+    """A dataset, or a part of it.
+
+    ``shards`` are the HDF5 files. ``len(reader)`` counts its items, one per object, solidity and material, and
+    ``reader.items[i]`` is the row of the index. :meth:`sample` reads the chosen ``fields`` of an item, :meth:`read`
+    one field of any object, and :meth:`where` narrows the items.
+    """
+
+    def __init__(self, shards: Iterable[str | Path], fields: Sequence[str] = DEFAULT_FIELDS, look: str = "clay"):
+        self.shards = {Path(path).name: Path(path) for path in shards}
+        self.fields = tuple(fields)
+        self.look = look
+        for name in self.fields:
+            _field(name)
+        self._handles: dict[str, object] = {}
+        self._process = os.getpid()
+        self.items: list[dict] = []
+        self.refusals: list[dict] = []
+        self._shard_of: dict[str, str] = {}
+        for name in self.shards:
+            file = self._open(name)
+            self.items += from_tsv(file[schema.INDEX].asstr()[()], schema.INDEX_COLUMNS)
+            self.refusals += from_tsv(file[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
+            self._shard_of.update(dict.fromkeys(file["objects"], name))
+        self.items.sort(key=lambda row: row["object"])
+        self.refusals.sort(key=lambda row: row["object"])
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __getitem__(self, index: int) -> dict:
+        return self.sample(self.items[index])
+
+    def __iter__(self):
+        return (self.sample(item) for item in self.items)
+
+    @property
+    def objects(self) -> list[str]:
+        """Ids of the objects among the items, each once, sorted."""
+        return list(dict.fromkeys(item["object"] for item in self.items))
+
+    def where(self, **conditions) -> Reader:
+        """Return a reader of the items whose columns have the given values (a value, or a collection of them).
+
+        ``reader.where(split="train", material=["steel", "wood"])``. Raises :class:`KeyError` for an unknown column.
+        """
+        for name in conditions:
+            if name not in schema.INDEX_COLUMNS:
+                raise KeyError(unknown("column", name, schema.INDEX_COLUMNS))
+        allowed = {
+            name: {value} if isinstance(value, (str, int, float)) else set(value)
+            for name, value in conditions.items()
+        }
+        part = object.__new__(Reader)
+        part.__dict__.update(self.__dict__)
+        part.items = [row for row in self.items if all(row[name] in allowed[name] for name in allowed)]
+        return part
+
+    def sample(self, item: dict) -> dict:
+        """Return the chosen fields of an item, under their names, with ``object``, ``solidity`` and ``material``."""
+        place = {name: item[name] for name in ("object", "solidity", "material")}
+        return {**place, **{name: self.read(name, **place) for name in self.fields}}
+
+    def read(self, field: str, object: str, solidity: str = "solid", material: str = "", **wildcards):
+        """Return one field of one object: an array, a number, a text, a record (dict).
+
+        ``views`` come decoded, (views, height, width, 3) uint8, in the reader's ``look`` (the look ``"material"``
+        means that of the material) or in ``look=…``; ``sound`` is the material's, or ``sound=…``.
+        Raises :class:`KeyError` when the dataset does not hold it.
+        """
+        spec = _field(field)
+        look = self.look if self.look != "material" else material
+        names = {"solidity": solidity, "material": material, "look": look, "sound": material, **wildcards}
+        path = spec.path.format(**names)
+        group = self.group(object)
+        try:
+            value = group[path.split("@")[0] or "."]
+            value = value.attrs[spec.path.split("@")[1]] if spec.is_attribute else value
+        except KeyError:
+            raise KeyError(f"the object {object!r} holds no {field} at {path!r}") from None
+        if spec.is_attribute:
+            return value
+        if spec.dtype == "json":
+            return json.loads(value.asstr()[()])
+        if spec.dtype == "text":
+            return value.asstr()[()]
+        return _decode(value) if spec.dtype == "png" else value[()]
+
+    def group(self, object: str):
+        """Return the HDF5 group of an object, to look at anything in it. Raises :class:`KeyError` if unknown."""
+        if object not in self._shard_of:
+            raise KeyError(unknown("object", object, self._shard_of))
+        return self._open(self._shard_of[object])["objects"][object]
+
+    def making(self) -> list[dict]:
+        """Return how each shard was made: per stage its version, libraries and options."""
+        return [json.loads(self._open(name)[schema.MAKING].asstr()[()]) for name in self.shards]
+
+    def problems(self) -> list[str]:
+        """Return what in the shards disagrees with the schema, one sentence each."""
+        return [f"{name}: {text}" for name in self.shards for text in schema.problems(self._open(name))]
+
+    def close(self) -> None:
+        """Close the files of this process; the next access opens them again."""
+        for handle in self._handles.values() if self._process == os.getpid() else ():
+            handle.close()
+        self._handles.clear()
+
+    def __enter__(self) -> Reader:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
+
+    def __getstate__(self) -> dict:
+        return {**self.__dict__, "_handles": {}}
+
+    def _open(self, shard: str):
+        import h5py
+
+        if self._process != os.getpid():  # forked: HDF5 handles must not be shared between processes
+            self._handles, self._process = {}, os.getpid()
+        if shard not in self._handles:
+            self._handles[shard] = h5py.File(self.shards[shard], "r")
+        return self._handles[shard]
+
+
+def shards_at(path: str | Path) -> list[Path]:
+    """Return the shards a path means: a shard itself, or those a dataset's folder lists in ``dataset.json``.
+
+    Raises :class:`FileNotFoundError` when there is no dataset.
+    """
+    path = Path(path)
+    if path.is_file():
+        return [path]
+    record = path / "dataset.json"
+    if not record.is_file():
+        raise FileNotFoundError(f"{path} holds no finished dataset (there is no {record})")
+    return [path / "shards" / name for name in json.loads(record.read_text(encoding="utf-8"))["shards"]]
+
+
+def _field(name: str) -> schema.Field:
+    if name not in schema.BY_NAME:
+        raise KeyError(unknown("field", name, schema.BY_NAME))
+    return schema.BY_NAME[name]
+
+
+def _decode(pictures) -> np.ndarray:
+    from PIL import Image
+
+    return np.stack([np.asarray(Image.open(io.BytesIO(png.tobytes())).convert("RGB")) for png in pictures[()]])

@@ -1,0 +1,295 @@
+"""The layout of a shard, said once: the writer, the reader, the validator and ``docs/dataset.md`` follow this table.
+
+A shard is an HDF5 file with one group ``objects/{object}`` per object. Paths below are relative to that group;
+``path@name`` is an attribute. Wildcards: ``{solidity}`` is ``solid`` or ``hollow``, ``{material}`` a material,
+``{look}`` a look of the pictures, ``{sound}`` a material, or ``material-pK`` for its K-th struck point.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from functools import cache
+
+#: Identifies a shard, and the version of this table.
+FORMAT = "vibraverse-shard"
+FORMAT_VERSION = 1
+
+#: Texts at the root of a shard: its rows of the index and of the refusals (tab-separated), how it was made (JSON).
+INDEX, REFUSALS, MAKING = "index", "refusals", "making"
+
+
+@dataclass(frozen=True)
+class Field:
+    """One array, text or attribute: where it stands, what it holds, in which unit.
+
+    ``dtype`` is a NumPy type, ``json`` or ``text`` (UTF-8), or ``png`` (one PNG file's bytes per entry).
+    """
+
+    name: str
+    path: str
+    dtype: str
+    shape: str
+    unit: str
+    description: str
+
+    @property
+    def is_attribute(self) -> bool:
+        """Whether the field is an attribute of a group and not a dataset."""
+        return "@" in self.path
+
+    @property
+    def is_text(self) -> bool:
+        """Whether the field holds text and so has no unit."""
+        return self.dtype in ("json", "text")
+
+
+_NORMALISED = "1 (normalised: longest side 1.8)"
+_BODY = "{solidity}"
+_MATERIAL = "{solidity}/materials/{material}"
+_SOUND = "{solidity}/sounds/{sound}"
+
+
+def _refusal(place: str, what: str) -> tuple[Field, ...]:
+    prefix = "body_" if place else ""
+    rows = (
+        ("refusal_reason", "reason class"),
+        ("refusal_stage", "stage that refused"),
+        ("refusal_message", "what is wrong"),
+        ("refusal_advice", "what to do about it"),
+    )
+    return tuple(
+        Field(f"{prefix}{name}", f"{place}@{name}", "text", "()", "", f"only on a refused {what}: {text}")
+        for name, text in rows
+    )
+
+
+#: Every field of an object, in the order in which a reader meets them.
+FIELDS: tuple[Field, ...] = (
+    Field("split", "@split", "text", "()", "", "split of the object and of everything in it"),
+    Field("origin", "@origin", "text", "()", "", "generated, bundled, files or objaverse"),
+    Field("title", "@title", "text", "()", "", "name of the object"),
+    Field("category", "@category", "text", "()", "", "shape family or category"),
+    Field("licence", "@licence", "text", "()", "", "licence of the source"),
+    Field("attribution", "@attribution", "text", "()", "", "whom the licence asks to name"),
+    *_refusal("", "object"),
+    Field("products", "products", "json", "()", "", "SHA-256 of one product per stage that this object came from"),
+    Field("source", "source", "json", "()", "", "where the mesh came from, as written by `sources`"),
+    Field("clean", "clean", "json", "()", "", "what was repaired, and the scale, as written by `clean`"),
+    Field("surface_vertices", "surface/vertices", "float64", "(V, 3)", _NORMALISED, "closed outer surface"),
+    Field("surface_faces", "surface/faces", "int32", "(F, 3)", "1", "its triangles, counter-clockwise outside"),
+    Field("coarse_vertices", "coarse/vertices", "float64", "(V, 3)", _NORMALISED, "box mesh of the occupancy"),
+    Field("coarse_faces", "coarse/faces", "int32", "(F, 3)", "1", "its triangles"),
+    Field("occupancy", "grids/occupancy", "uint8", "(n, n, n)", "1", "1 inside at cell centres, `[ix, iy, iz]`"),
+    Field(
+        "signed_distance",
+        "grids/signed_distance",
+        "float32",
+        "(N, N, N)",
+        _NORMALISED,
+        "distance to the surface at cell centres, negative inside",
+    ),
+    Field("azimuth_deg", "cameras/azimuth_deg", "float64", "(views,)", "deg", "camera azimuth of each view"),
+    Field("elevation_deg", "cameras/elevation_deg", "float64", "(views,)", "deg", "camera elevation of each view"),
+    Field("views", "views/{look}", "png", "(views,)", "byte", "pictures of the outside, one PNG file each"),
+    *_refusal(_BODY, "body"),
+    Field("size_m", f"{_BODY}@size_m", "float64", "()", "m", "longest side of the bounding box"),
+    Field("scale_m", f"{_BODY}@scale_m", "float64", "()", "m", "metres per normalised unit, `size_m / 1.8`"),
+    Field("volume_m3", f"{_BODY}@volume_m3", "float64", "()", "m³", "volume of the tetrahedra"),
+    Field("hollow", "hollow/cavity", "json", "()", "", "how the cavity was made, as written by `hollow`"),
+    Field(
+        "boundary_vertices",
+        "hollow/boundary/vertices",
+        "float64",
+        "(V, 3)",
+        _NORMALISED,
+        "surface of the hollow body, cavity walls included",
+    ),
+    Field("boundary_faces", "hollow/boundary/faces", "int32", "(F, 3)", "1", "its triangles"),
+    Field("tets", f"{_BODY}/tets/record", "json", "()", "", "mesh quality, as written by `tets`"),
+    Field("tet_points", f"{_BODY}/tets/points", "float64", "(P, 3)", _NORMALISED, "corners of the tetrahedra"),
+    Field("tet_cells", f"{_BODY}/tets/cells", "int32", "(T, 4)", "1", "tetrahedra, positively oriented"),
+    Field(
+        "reduced_lambda",
+        f"{_BODY}/basis/lambda",
+        "float64",
+        "(r, r)",
+        "1 (stiffness per Lamé λ, mass 1)",
+        "stiffness of λ in the modal basis, unit size and density",
+    ),
+    Field(
+        "reduced_mu",
+        f"{_BODY}/basis/mu",
+        "float64",
+        "(r, r)",
+        "1 (stiffness per Lamé μ, mass 1)",
+        "stiffness of μ in the modal basis, unit size and density",
+    ),
+    Field(
+        "surface_basis",
+        f"{_BODY}/basis/surface",
+        "float32",
+        "(V, 3, r)",
+        "1 (mass-normalised, unit size and density)",
+        "basis displacements at the body's surface vertices",
+    ),
+    Field("basis_order", f"{_BODY}/basis@order", "int64", "()", "1", "element order: 1 or 2"),
+    Field("poisson_nodes", f"{_BODY}/basis@poisson_nodes", "float64", "(k,)", "1", "Poisson's ratios joined in it"),
+    Field("vertices", f"{_BODY}/surface/vertices", "float32", "(V, 3)", _NORMALISED, "where mode shapes are given"),
+    Field("faces", f"{_BODY}/surface/faces", "int32", "(F, 3)", "1", "triangles of that surface"),
+    Field("density_kg_m3", f"{_MATERIAL}@density_kg_m3", "float64", "()", "kg/m³", "density"),
+    Field("young_pa", f"{_MATERIAL}@young_pa", "float64", "()", "Pa", "Young's modulus"),
+    Field("poisson", f"{_MATERIAL}@poisson", "float64", "()", "1", "Poisson's ratio"),
+    Field("alpha_per_s", f"{_MATERIAL}@alpha_per_s", "float64", "()", "1/s", "mass-proportional damping"),
+    Field("beta_s", f"{_MATERIAL}@beta_s", "float64", "()", "s", "stiffness-proportional damping"),
+    Field("mass_kg", f"{_MATERIAL}@mass_kg", "float64", "()", "kg", "mass of the body"),
+    Field(
+        "frequencies_hz",
+        f"{_MATERIAL}/frequencies_hz",
+        "float64",
+        "(m,)",
+        "Hz",
+        "undamped eigenfrequencies of the elastic modes, ascending",
+    ),
+    Field("damping_per_s", f"{_MATERIAL}/damping_per_s", "float64", "(m,)", "1/s", "decay rates `d_i`"),
+    Field(
+        "damped_frequencies_hz",
+        f"{_MATERIAL}/damped_frequencies_hz",
+        "float64",
+        "(m,)",
+        "Hz",
+        "frequencies that sound; 0 where overdamped",
+    ),
+    Field(
+        "relative_error",
+        f"{_MATERIAL}/relative_error",
+        "float64",
+        "(m,)",
+        "1",
+        "estimated relative error of each frequency by the basis",
+    ),
+    Field(
+        "mode_shapes",
+        f"{_MATERIAL}/mode_shapes",
+        "float32",
+        "(m, V, 3)",
+        "kg^-1/2",
+        "mass-normalised displacements at the surface vertices",
+    ),
+    Field("audio", f"{_BODY}/audio", "json", "()", "", "levels, gains and counts, as written by `audio`"),
+    Field("sound", _SOUND, "float32", "(samples,)", "1 (full scale)", "impact sound, peak-normalised"),
+    Field("sample_rate_hz", f"{_SOUND}@sample_rate_hz", "int64", "()", "Hz", "samples per second"),
+    Field("duration_s", f"{_SOUND}@duration_s", "float64", "()", "s", "length of the sound"),
+    Field("gain", f"{_SOUND}@gain", "float64", "()", "1", "stored sample = gain × computed impulse response"),
+)
+
+#: Fields by name.
+BY_NAME: dict[str, Field] = {field.name: field for field in FIELDS}
+
+#: Columns of the index, one row per object, solidity and material: type and meaning.
+INDEX_COLUMNS: dict[str, tuple[type, str]] = {
+    "object": (str, "the object's id"),
+    "solidity": (str, "`solid` or `hollow`"),
+    "material": (str, "name of the material"),
+    "shard": (str, "file in `shards/`"),
+    "split": (str, "split of the object"),
+    "origin": (str, "generated, bundled, files or objaverse"),
+    "category": (str, "shape family or category"),
+    "title": (str, "name of the object"),
+    "licence": (str, "licence of the source"),
+    "size_m": (float, "longest side of the bounding box"),
+    "volume_m3": (float, "volume of the body"),
+    "mass_kg": (float, "mass of the body"),
+    "tetrahedra": (int, "number of tetrahedra"),
+    "modes": (int, "number of elastic modes"),
+    "f1_hz": (float, "lowest eigenfrequency"),
+    "f_last_hz": (float, "highest eigenfrequency kept"),
+    "duration_s": (float, "length of the sound"),
+}
+
+#: Columns of the refusals, one row per refused object or body: type and meaning.
+REFUSAL_COLUMNS: dict[str, tuple[type, str]] = {
+    "object": (str, "the object's id"),
+    "solidity": (str, "the refused body; empty when the whole object is refused"),
+    "stage": (str, "stage that refused"),
+    "reason": (str, "reason class"),
+    "message": (str, "what is wrong"),
+    "advice": (str, "what to do about it"),
+}
+
+
+@cache
+def _patterns() -> tuple[tuple[re.Pattern, Field], ...]:
+    compiled = []
+    for field in FIELDS:
+        pattern = re.escape(field.path).replace(r"\{solidity\}", "(?:solid|hollow)")
+        compiled.append((re.compile(re.sub(r"\\{\w+\\}", "[^/@]+", pattern)), field))
+    return tuple(compiled)
+
+
+def field_at(path: str) -> Field:
+    """Return the field that stands at a filled-in path such as ``hollow/materials/steel/frequencies_hz``.
+
+    Raises :class:`KeyError` for a path the table does not know.
+    """
+    for pattern, field in _patterns():
+        if pattern.fullmatch(path):
+            return field
+    raise KeyError(f"the dataset has no field at {path!r}")
+
+
+def problems(h5) -> list[str]:
+    """Return what in an open shard disagrees with the table, one sentence each; none for a valid shard."""
+    import h5py
+
+    found: list[str] = []
+    if h5.attrs.get("format") != FORMAT:
+        return [f"this is not a shard: its attribute 'format' is not {FORMAT!r}"]
+
+    def check(name, item):
+        for key in item.attrs:
+            if not (isinstance(item, h5py.Dataset) and key == "unit"):
+                _check_known(f"{name}@{key}", found)
+        if not isinstance(item, h5py.Dataset):
+            return
+        field = _check_known(name, found)
+        if field is None:
+            return
+        dimensions = 0 if field.shape == "()" else field.shape.rstrip(",)").count(",") + 1
+        if len(item.shape) != dimensions:
+            found.append(f"{name} has shape {item.shape}, not {field.shape}")
+        if not field.is_text:
+            if item.attrs.get("unit") != field.unit:
+                found.append(f"{name} has the unit {item.attrs.get('unit')!r}, not {field.unit!r}")
+            if field.dtype != "png" and item.dtype != field.dtype:
+                found.append(f"{name} is {item.dtype}, not {field.dtype}")
+
+    for object_id, group in h5["objects"].items():
+        start = len(found)
+        check("", group)
+        group.visititems(check)
+        found[start:] = [f"{object_id}: {sentence}" for sentence in found[start:]]
+    return found
+
+
+def _check_known(path: str, found: list[str]) -> Field | None:
+    try:
+        return field_at(path)
+    except KeyError as error:
+        found.append(error.args[0])
+        return None
+
+
+def markdown() -> str:
+    """Return the tables of ``docs/dataset.md``."""
+    lines = ["| field | path in `objects/{object}` | type | shape | unit | what it is |"]
+    lines += ["| --- | --- | --- | --- | --- | --- |"]
+    for field in FIELDS:
+        unit = field.unit or "–"
+        lines.append(
+            f"| `{field.name}` | `{field.path}` | {field.dtype} | {field.shape} | {unit} | {field.description} |"
+        )
+    for title, columns in (("index.tsv", INDEX_COLUMNS), ("refusals.tsv", REFUSAL_COLUMNS)):
+        lines += ["", f"| column of `{title}` | what it is |", "| --- | --- |"]
+        lines += [f"| `{name}` | {text} |" for name, (_, text) in columns.items()]
+    return "\n".join(lines) + "\n"

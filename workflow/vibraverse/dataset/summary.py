@@ -1,0 +1,55 @@
+"""What a dataset holds, in numbers: the content of ``dataset.json``."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+from vibraverse.dataset.making import join
+from vibraverse.dataset.reader import Reader
+
+_RANGES = ("size_m", "volume_m3", "mass_kg", "tetrahedra", "f1_hz", "f_last_hz", "duration_s")
+_MATERIAL_KEYS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
+
+
+def summary(reader: Reader) -> dict:
+    """Return counts, materials, ranges and how everything was made, of all that ``reader`` holds.
+
+    An object counts as refused when nothing of it is left.
+    """
+    items, refusals = reader.items, reader.refusals
+    bodies = {(item["object"], item["solidity"]) for item in items}
+    kept = set(reader.objects)
+    gone = {row["object"] for row in refusals} - kept
+    splits = Counter({item["object"]: item["split"] for item in items}.values())
+    origins = Counter({item["object"]: item["origin"] for item in items}.values())
+    return {
+        "counts": {
+            "objects": len(kept),
+            "refused_objects": len(gone),
+            "bodies": len(bodies),
+            "refused_bodies": sum(1 for row in refusals if row["solidity"] and row["object"] in kept),
+            "sounds": sum(
+                len(reader.group(object_id)[solidity]["sounds"]) for object_id, solidity in bodies
+            ),
+            "items": len(items),
+        },
+        "objects_by_split": dict(sorted(splits.items())),
+        "objects_by_origin": dict(sorted(origins.items())),
+        "refusals_by_reason": dict(sorted(Counter(row["reason"] for row in refusals).items())),
+        "materials": _materials(reader),
+        "ranges": {name: _range([item[name] for item in items]) for name in _RANGES if items},
+        "made_by": join(reader.making()),
+    }
+
+
+def _materials(reader: Reader) -> dict[str, dict[str, float]]:
+    found: dict[str, dict[str, float]] = {}
+    for item in reader.items:
+        if item["material"] not in found:
+            place = {name: item[name] for name in ("object", "solidity", "material")}
+            found[item["material"]] = {key: float(reader.read(key, **place)) for key in _MATERIAL_KEYS}
+    return found
+
+
+def _range(values: list) -> dict:
+    return {"min": min(values), "max": max(values)}

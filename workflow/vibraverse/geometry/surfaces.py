@@ -1,0 +1,161 @@
+"""Triangle surfaces as arrays: their measures, their edges, their connected parts.
+
+A surface is ``vertices`` (V, 3) float64 and ``faces`` (F, 3) integers, counter-clockwise seen from outside the
+body. By the divergence theorem the enclosed volume is the sum of the signed volumes of the tetrahedra that
+the origin spans with the faces, ``V = 1/6 Σ a·(b × c)``.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+
+def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Return the volume enclosed by a closed, oriented surface (negative when it is turned inside out)."""
+    if not len(faces):
+        return 0.0
+    a, b, c = corners(vertices - vertices[faces[0, 0]], faces)
+    return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6.0)
+
+
+def corners(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the three corner points of every face, each (F, 3)."""
+    return vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
+
+
+def normals_and_areas(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit normals (F, 3) and areas (F,); a face without area has a zero normal."""
+    a, b, c = corners(vertices, faces)
+    cross = np.cross(b - a, c - a)
+    length = np.linalg.norm(cross, axis=1)
+    return cross / np.where(length > 0, length, 1.0)[:, None], 0.5 * length
+
+
+def area(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Return the total area."""
+    return float(normals_and_areas(vertices, faces)[1].sum())
+
+
+def half_edges(faces: np.ndarray) -> np.ndarray:
+    """Return the directed edges (3F, 2): the three of face 0, of face 1, …"""
+    return faces[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
+
+
+def edge_keys(edges: np.ndarray) -> np.ndarray:
+    """Return one integer per edge (E,), the same for both directions."""
+    low, high = edges.min(axis=1).astype(np.int64), edges.max(axis=1).astype(np.int64)
+    return low * (int(high.max(initial=0)) + 1) + high
+
+
+def edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the lengths of the edges of every face, (F, 3)."""
+    edges = half_edges(faces)
+    return np.linalg.norm(vertices[edges[:, 1]] - vertices[edges[:, 0]], axis=1).reshape(-1, 3)
+
+
+def face_components(faces: np.ndarray, n_vertices: int) -> np.ndarray:
+    """Return the number of the connected part of every face (F,), parts numbered by their first face.
+
+    Faces are connected when they share a vertex.
+    """
+    if not len(faces):
+        return np.zeros(0, dtype=np.int64)
+    rows, columns = np.repeat(faces[:, 0], 2), faces[:, 1:].ravel()
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(n_vertices, n_vertices))
+    labels = connected_components(graph, directed=False)[1][faces[:, 0]]
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse]
+
+
+def compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Drop the vertices that no face uses; the order of the others stays."""
+    used = np.zeros(len(vertices), dtype=bool)
+    used[faces.ravel()] = True
+    return vertices[used], (np.cumsum(used) - 1)[faces]
+
+
+@dataclass(frozen=True)
+class Topology:
+    """What a set of triangles is, counted: everything is zero for the surface of a solid but ``components``."""
+
+    open_edges: int
+    """Edges with one face."""
+    crowded_edges: int
+    """Edges with more than two faces."""
+    disagreeing_edges: int
+    """Edges whose two faces are oriented against each other."""
+    pinched_vertices: int
+    """Vertices whose faces do not form one fan."""
+    degenerate_faces: int
+    """Faces that use a vertex twice."""
+    components: int
+    """Connected parts."""
+    euler: int
+    """V - E + F over the used vertices."""
+
+    @property
+    def closed_manifold(self) -> bool:
+        """Whether the surface is closed, consistently oriented and manifold in its edges and vertices."""
+        return not (
+            self.open_edges
+            or self.crowded_edges
+            or self.disagreeing_edges
+            or self.pinched_vertices
+            or self.degenerate_faces
+        )
+
+    @property
+    def genus(self) -> int:
+        """Number of handles of a closed manifold surface."""
+        return self.components - self.euler // 2
+
+
+def topology(faces: np.ndarray, n_vertices: int) -> Topology:
+    """Count what is wrong with a set of triangles."""
+    if not len(faces):
+        return Topology(0, 0, 0, 0, 0, 0, 0)
+    edges = half_edges(faces)
+    _, inverse, counts = np.unique(edge_keys(edges), return_inverse=True, return_counts=True)
+    turned = np.bincount(inverse, weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
+    degenerate = (
+        (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
+    ).sum()
+    used = len(np.unique(faces))
+    return Topology(
+        open_edges=int((counts == 1).sum()),
+        crowded_edges=int((counts > 2).sum()),
+        disagreeing_edges=int(((counts == 2) & (turned != 0)).sum()),
+        pinched_vertices=fan_count(faces, inverse) - used,
+        degenerate_faces=int(degenerate),
+        components=int(face_components(faces, n_vertices).max()) + 1,
+        euler=used - len(counts) + len(faces),
+    )
+
+
+def fan_count(faces: np.ndarray, edge_of: np.ndarray) -> int:
+    """Return the number of fans: sets of corners at one vertex joined through shared edges.
+
+    ``edge_of`` (3F,) numbers the undirected edge of every half-edge. A manifold surface has one fan per vertex.
+    """
+    return int(fan_labels(faces, edge_of).max()) + 1
+
+
+def fan_labels(faces: np.ndarray, edge_of: np.ndarray) -> np.ndarray:
+    """Return the number of the fan of every face corner, (3F,) in the order of ``faces.ravel()``."""
+    n = 3 * len(faces)
+    corner = np.arange(n)
+    after = corner - corner % 3 + (corner + 1) % 3
+    # Corners that meet along an edge: both faces of the edge have one corner at each of its two ends.
+    order = np.lexsort((corner, edge_of))
+    same = edge_of[order][1:] == edge_of[order][:-1]
+    first, second = order[:-1][same], order[1:][same]
+    ends = faces.ravel()
+    aligned = ends[first] == ends[second]
+    left = np.concatenate([first, after[first]])
+    right = np.concatenate([np.where(aligned, second, after[second]), np.where(aligned, after[second], second)])
+    graph = coo_array((np.ones(len(left), np.int8), (left, right)), shape=(n, n))
+    return connected_components(graph, directed=False)[1]

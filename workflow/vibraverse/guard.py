@@ -1,0 +1,37 @@
+"""One run at a time in a results folder, with a lock that a killed run cannot leave behind.
+
+Snakemake's own lock is a file that stays after SIGKILL and must be removed by hand. The profiles switch it off
+(``nolock``) and this one takes its place: the kernel drops it when the process ends, however it ends.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import sys
+from pathlib import Path
+
+_held = []
+
+
+def only_run(results: str | Path) -> None:
+    """Hold the results folder for this process, or say who does and leave with exit status 1."""
+    folder = Path(results)
+    folder.mkdir(parents=True, exist_ok=True)
+    lock = open(folder / ".run.lock", "a+")  # noqa: SIM115 - stays open as long as the process lives
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        lock.seek(0)
+        print(
+            f"vibraverse: another run (process {lock.read().strip() or 'unknown'}) is working in {folder}; "
+            "wait for it to end, or stop it.",
+            file=sys.stderr,
+        )
+        sys.exit(1)
+    except OSError:
+        return  # a file system without locks: go on without one
+    lock.truncate(0)
+    lock.write(str(os.getpid()))
+    lock.flush()
+    _held.append(lock)

@@ -1,0 +1,46 @@
+"""Sounds as WAV files: peak-normalised, with the gain that leads back to physical values.
+
+Float WAVs would need no gain, but libsndfile writes the time of day into them; integer samples repeat to the
+byte. 24 bits leave 138 dB below the peak.
+"""
+
+from __future__ import annotations
+
+import io
+
+import numpy as np
+import soundfile
+
+#: Unit of a physical sample (see :mod:`vibraverse.physics.impulse`).
+UNIT = "kg^0.5 m (sample = stored sample / gain)"
+#: Largest sample of a file, in decibels relative to full scale.
+PEAK_DBFS = -1.0
+
+
+def wav_bytes(samples, sample_rate_hz: int, subtype: str = "PCM_24") -> tuple[bytes, dict]:
+    """Return a mono WAV file of ``samples`` (n,) with its peak at :data:`PEAK_DBFS`, and its levels.
+
+    Levels: ``gain`` (stored = physical · gain; 1 for silence), ``peak`` (physical), ``peak_dbfs`` and ``rms_dbfs`` of
+    the stored samples over the whole sound and ``loudest_dbfs``, the RMS over its loudest 50 ms; None stands for the
+    level of silence.
+    """
+    samples = np.asarray(samples, dtype=np.float64)
+    peak = float(np.abs(samples).max(initial=0.0))
+    gain = 10.0 ** (PEAK_DBFS / 20.0) / peak if peak > 0 else 1.0
+    stored = samples * gain
+    power = np.concatenate([[0.0], np.cumsum(stored**2)])
+    window = min(len(stored), round(0.05 * sample_rate_hz))
+    loudest = (power[window:] - power[:-window]).max() / window
+    file = io.BytesIO()
+    soundfile.write(file, stored, sample_rate_hz, subtype=subtype, format="WAV")
+    return file.getvalue(), {
+        "gain": gain,
+        "peak": peak,
+        "peak_dbfs": PEAK_DBFS if peak > 0 else None,
+        "rms_dbfs": _decibels(power[-1] / len(stored)),
+        "loudest_dbfs": _decibels(loudest),
+    }
+
+
+def _decibels(power: float) -> float | None:
+    return round(10.0 * float(np.log10(power)), 3) if power > 0 else None

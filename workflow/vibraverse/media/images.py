@@ -1,0 +1,246 @@
+"""Pictures of a surface: one light studio, one camera that always sees the whole object, a look per material.
+
+VTK shades physically (metallic-roughness) in the light of a studio made of soft boxes; a few lines of GLSL add
+what it has not: refraction for clear materials, growth rings for wood, and a film curve that keeps highlights.
+Frames are drawn larger and averaged down. Nothing needs a screen: OSMesa draws in memory, and EGL does where
+there is no OSMesa.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import io
+import math
+import os
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibraverse.media import shaders
+from vibraverse.media.looks import look_of
+
+#: Elevations that the views take in turn.
+ELEVATIONS_DEG = (25.0, 5.0, 50.0, -20.0)
+FIRST_AZIMUTH_DEG = 20.0
+FIELD_OF_VIEW_DEG = 28.0
+#: Part of the picture's half width that the object may fill.
+FILL = 0.92
+#: Edges sharper than this stay sharp; flatter ones are shaded smoothly.
+FEATURE_ANGLE_DEG = 40.0
+BACKGROUND = (0.925, 0.93, 0.94)
+#: Frames are drawn this many times larger and averaged down, as far as ``_MAX_DRAWN_PX`` allows.
+_SUPERSAMPLING, _MAX_DRAWN_PX = 3, 4096
+
+
+@dataclass(frozen=True)
+class View:
+    """A direction from which the object is seen; azimuth from +x towards +y, elevation from the xy plane."""
+
+    azimuth_deg: float
+    elevation_deg: float
+
+    def axes(self) -> np.ndarray:
+        """Return the camera's right, up and backward (towards the camera) axes as rows; (3, 3)."""
+        azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
+        back = (
+            math.cos(elevation) * math.cos(azimuth),
+            math.cos(elevation) * math.sin(azimuth),
+            math.sin(elevation),
+        )
+        right = (-math.sin(azimuth), math.cos(azimuth), 0.0)
+        return np.array([right, np.cross(back, right), back])
+
+
+@dataclass(frozen=True)
+class Rendering:
+    """Pictures by look, ``{look: (views, size_px, size_px, 3) uint8}``, and how they were made."""
+
+    pictures: dict[str, np.ndarray]
+    camera_distance: float
+    renderer: str
+
+
+def views_around(count: int) -> list[View]:
+    """Return ``count`` views spread evenly in azimuth, at elevations that take turns."""
+    return [
+        View((FIRST_AZIMUTH_DEG + 360.0 * index / count) % 360.0, ELEVATIONS_DEG[index % len(ELEVATIONS_DEG)])
+        for index in range(count)
+    ]
+
+
+def camera_distance(points, views: list[View]) -> float:
+    """Return the smallest distance from the origin at which every view shows all ``points`` (V, 3).
+
+    A point at ``(x, y, z)`` in camera axes is inside the picture when ``|x|, |y| <= (D - z) tan(fov/2) · fill``.
+    """
+    slope = FILL * math.tan(math.radians(FIELD_OF_VIEW_DEG) / 2)
+    points = np.asarray(points, dtype=np.float64)
+    nearest = 0.0
+    for view in views:
+        seen = points @ view.axes().T
+        nearest = max(nearest, float((seen[:, 2] + np.abs(seen[:, :2]).max(axis=1) / slope).max()))
+    return nearest
+
+
+def studio(height: int = 128) -> np.ndarray:
+    """Return the light that reaches the object from every direction, (height, 2·height, 3) linear radiance.
+
+    Rows run from the zenith down, columns over the azimuth with the camera at the middle: a soft sky that
+    darkens to the floor, a large key light at the upper left, a weaker fill at the right and two rims behind.
+    """
+    elevation = (0.5 - (np.arange(height) + 0.5) / height)[:, None] * math.pi
+    azimuth = ((np.arange(2 * height) + 0.5) / height - 1.0)[None, :] * math.pi
+    sky = 0.28 + 0.22 * np.clip(np.sin(elevation), 0, None) - 0.18 * np.clip(-np.sin(elevation), 0, 1) ** 0.5
+
+    def box(azimuth_deg, elevation_deg, width_deg, height_deg, radiance, colour, soft_deg=3.0):
+        across = (azimuth - math.radians(azimuth_deg) + math.pi) % (2 * math.pi) - math.pi
+        inside = 1.0
+        for offset, full in ((across, width_deg), (elevation - math.radians(elevation_deg), height_deg)):
+            edge = (math.radians(full / 2) - np.abs(offset)) / math.radians(soft_deg)
+            inside = inside / (1.0 + np.exp(-np.clip(edge, -40, 40)))
+        return radiance * inside[:, :, None] * np.array(colour)
+
+    light = (sky + 0 * azimuth)[:, :, None] * np.array([0.97, 0.99, 1.03])
+    light = light + box(-48, 40, 40, 32, 11.0, (1.0, 0.97, 0.93))
+    light = light + box(65, 20, 22, 70, 2.4, (0.93, 0.97, 1.0))
+    light = light + box(150, 30, 30, 60, 3.0, (1.0, 1.0, 1.0)) + box(-140, 25, 20, 70, 2.4, (0.95, 0.98, 1.0))
+    return np.ascontiguousarray(light, dtype=np.float32)
+
+
+def render_views(vertices, faces, views: list[View], looks: list[str], size_px: int) -> Rendering:
+    """Draw a closed surface from every view in every look.
+
+    ``vertices`` (V, 3) and outward ``faces`` (F, 3) may be anywhere; the middle of the bounding box is the middle
+    of the picture. Raises RuntimeError when the machine offers no off-screen renderer.
+    """
+    _choose_window()
+    import pyvista
+
+    vertices = np.asarray(vertices, dtype=np.float64)
+    vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    distance = camera_distance(vertices, views)
+    surface = pyvista.PolyData.from_regular_faces(vertices.astype(np.float32), np.asarray(faces))
+    surface = surface.compute_normals(
+        cell_normals=False,
+        split_vertices=True,
+        feature_angle=FEATURE_ANGLE_DEG,
+        consistent_normals=False,
+        auto_orient_normals=False,
+    )
+    scale = max(1, min(_SUPERSAMPLING, _MAX_DRAWN_PX // size_px))
+    plotter = pyvista.Plotter(off_screen=True, window_size=(scale * size_px,) * 2, lighting="none")
+    try:
+        renderer = _light(plotter)
+        actors = {name: _actors(plotter, surface, look_of(name)) for name in dict.fromkeys(looks)}
+        camera = plotter.camera
+        camera.view_angle = FIELD_OF_VIEW_DEG
+        radius = float(np.linalg.norm(vertices, axis=1).max())
+        camera.clipping_range = (max(0.05 * distance, distance - 1.01 * radius), distance + 1.01 * radius)
+        shown = [actor for layers in actors.values() for actor in layers]
+        plotter.show(auto_close=False, interactive=False)
+        pictures = {name: np.empty((len(views), size_px, size_px, 3), np.uint8) for name in actors}
+        for index, view in enumerate(views):
+            right, up, back = view.axes()
+            camera.focal_point, camera.position, camera.up = (0, 0, 0), back * distance, up
+            # The studio turns with the camera, so that every view is well lit; up stays up.
+            renderer.SetEnvironmentUp(0, 0, 1)
+            renderer.SetEnvironmentRight(*right)
+            for name, layers in actors.items():
+                for other in shown:
+                    other.SetVisibility(False)
+                for actor in layers:
+                    actor.SetVisibility(True)
+                shown = layers
+                plotter.render()
+                frame = plotter.screenshot(return_img=True)
+                frame = frame.reshape(size_px, scale, size_px, scale, 3).mean(axis=(1, 3))
+                pictures[name][index] = np.round(frame).astype(np.uint8)
+        description = plotter.render_window.ReportCapabilities()
+    finally:
+        plotter.close()
+    return Rendering(pictures, distance, _renderer_name(description))
+
+
+def png_bytes(picture: np.ndarray) -> bytes:
+    """Return an (H, W, 3) picture as a PNG file, without a time stamp."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.fromarray(picture).save(file, format="PNG")
+    return file.getvalue()
+
+
+def _renderer_name(description: str) -> str:
+    """Return the OpenGL renderer's own name out of VTK's report."""
+    lines = (line.partition("OpenGL renderer string:") for line in description.splitlines())
+    return next((name.strip() for _, found, name in lines if found), "unknown")
+
+
+def _choose_window() -> None:
+    """Tell VTK how to draw without a screen, before it first does: in memory, or through EGL."""
+    name = "VTK_DEFAULT_OPENGL_WINDOW"
+    if os.environ.get(name):
+        return
+    os.environ[name] = "vtkEGLRenderWindow"
+    for library in ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"):
+        try:
+            ctypes.CDLL(library)
+        except OSError:
+            continue
+        os.environ[name] = "vtkOSOpenGLRenderWindow"
+        return
+
+
+def _light(plotter):
+    """Put the studio around the object."""
+    import pyvista
+
+    plotter.background_color = BACKGROUND
+    light = studio()
+    image = pyvista.ImageData(dimensions=(light.shape[1], light.shape[0], 1))
+    image.point_data["radiance"] = light[::-1].reshape(-1, 3)
+    image.point_data.active_scalars_name = "radiance"
+    texture = pyvista.Texture(image)
+    texture.SetColorModeToDirectScalars()
+    texture.MipmapOn()
+    texture.InterpolateOn()
+    renderer = plotter.renderer
+    renderer.UseImageBasedLightingOn()
+    renderer.UseSphericalHarmonicsOn()
+    renderer.SetEnvironmentTexture(texture, False)
+    renderer.GetEnvMapPrefiltered().SetPrefilterMaxSamples(128)
+    return renderer
+
+
+def _linear(colour) -> list[float]:
+    """Return linear from sRGB."""
+    return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
+
+
+def _actors(plotter, surface, look) -> list:
+    """Add a surface to the scene; a clear one as two layers, its far side behind its near side."""
+    if look.kind != "clear":
+        return [_actor(plotter, surface, look)]
+    far, near = _actor(plotter, surface, look), _actor(plotter, surface, look)
+    far.prop.SetFrontfaceCulling(True)
+    near.prop.SetBackfaceCulling(True)
+    near.ForceTranslucentOn()
+    return [far, near]
+
+
+def _actor(plotter, surface, look):
+    actor = plotter.add_mesh(
+        surface,
+        pbr=True,
+        color="white",
+        metallic=look.metallic,
+        roughness=look.roughness,
+        smooth_shading=True,
+        reset_camera=False,
+    )
+    actor.prop.SetColor(*_linear(look.colour))
+    if look.coat:
+        actor.prop.SetCoatStrength(look.coat)
+        actor.prop.SetCoatRoughness(0.08)
+    shaders.dress(actor, look.kind, _linear(BACKGROUND), _linear(look.second))
+    return actor

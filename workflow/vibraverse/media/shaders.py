@@ -1,0 +1,74 @@
+"""GLSL that VTK's physically based shader has not: refraction, growth rings, a film curve.
+
+The pieces run inside VTK's fragment shader and use its names: ``albedo``, ``diffuseColor``, ``color`` (linear
+radiance), ``N`` and ``V`` (normal and direction to the camera), ``NdV``, ``roughness``, ``envMatrix`` and ``prefilterTex``
+(the studio's light, blurred more at each level).
+"""
+
+from __future__ import annotations
+
+#: Keeps colours up to 0.6 as they are and bends brighter ones towards white without a visible corner.
+FILM = """
+  vec3 over = max(color - vec3(0.6), vec3(0.0));
+  color = min(color, vec3(0.6)) + 0.4 * over / (over + 0.4);
+  fragOutput0.rgb = pow(color, vec3(1.0 / 2.2));
+"""
+
+#: A ray bends into the body and out of it again as if the body were locally a ball: it leaves where the outward normal
+#: is the entry's mirrored at the ray. What it then meets is the backdrop straight ahead, the studio elsewhere. The near
+#: side lets half of the far side, drawn before it, shine through.
+CLEAR = """
+  vec3 ray = refract(-V, N, 1.0 / 1.5);
+  vec3 farNormal = N - 2.0 * dot(N, ray) * ray;
+  vec3 leaving = refract(ray, -farNormal, 1.5);
+  vec3 through = textureLod(prefilterTex, normalize(envMatrix * leaving), roughness * prefilterMaxLevel).rgb;
+  through = mix(through, vec3(BACKDROP), smoothstep(0.75, 1.0, dot(leaving, -V)));
+  through *= pow(diffuseColorUniform, vec3(-dot(ray, N)));
+  float mirrored = 0.04 + 0.96 * pow(1.0 - NdV, 5.0);
+  color = mix(through, prefilteredSpecularColor, mirrored);
+  fragOutput0.a = gl_FrontFacing ? mix(0.5, 1.0, mirrored) : 1.0;
+"""
+
+WOOD_DECLARATIONS = """
+in vec3 bodyPosition;
+float lattice(vec3 p) { return fract(sin(dot(p, vec3(127.1, 311.7, 74.7))) * 43758.5453); }
+float noise(vec3 p)
+{
+  vec3 i = floor(p), f = fract(p);
+  f = f * f * (3.0 - 2.0 * f);
+  vec2 o = vec2(0.0, 1.0);
+  return mix(mix(mix(lattice(i), lattice(i + o.yxx), f.x), mix(lattice(i + o.xyx), lattice(i + o.yyx), f.x), f.y),
+    mix(mix(lattice(i + o.xxy), lattice(i + o.yxy), f.x), mix(lattice(i + o.xyy), lattice(i + o.yyy), f.x), f.y), f.z);
+}
+"""
+
+#: Rings around a trunk beside the body, leaning a little so that no face shows straight lines only; late wood is the dark
+#: end of each ring, fibres run along the trunk.
+WOOD = """
+  vec3 trunk = vec3(bodyPosition.x + 0.18 * bodyPosition.z + 0.9, bodyPosition.y - 0.12 * bodyPosition.z + 0.6, bodyPosition.z);
+  float ring = fract(9.0 * length(trunk.xy) + 1.1 * noise(vec3(1.6 * trunk.xy, 0.7 * trunk.z)));
+  float late = smoothstep(0.25, 0.88, ring) * (1.0 - smoothstep(0.9, 1.0, ring));
+  float fibre = noise(vec3(70.0 * trunk.xy, 5.0 * trunk.z));
+  diffuseColor = mix(diffuseColor, vec3(LATE), 0.75 * late) * (0.88 + 0.24 * fibre);
+"""
+
+
+def dress(actor, kind: str, backdrop, late) -> None:
+    """Give an actor with physically based shading the shader of its look; colours are linear."""
+    shader = actor.GetShaderProperty()
+
+    def after(tag, code, add):
+        add(tag, True, f"{tag}\n{code}\n", False)
+
+    fragment, vertex = shader.AddFragmentShaderReplacement, shader.AddVertexShaderReplacement
+    if kind == "wood":
+        after("//VTK::PositionVC::Dec", "out vec3 bodyPosition;", vertex)
+        after("//VTK::PositionVC::Impl", "bodyPosition = vertexMC.xyz;", vertex)
+        after("//VTK::PositionVC::Dec", WOOD_DECLARATIONS, fragment)
+        after("//VTK::PBR::Impl", WOOD.replace("LATE", _numbers(late)), fragment)
+    clear = CLEAR.replace("BACKDROP", _numbers(backdrop)) if kind == "clear" else ""
+    after("//VTK::Light::Impl", clear + FILM, fragment)
+
+
+def _numbers(colour) -> str:
+    return ", ".join(f"{channel:.6f}" for channel in colour)

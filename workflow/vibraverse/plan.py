@@ -1,0 +1,67 @@
+"""What a configuration asks for: the objects, and the options of every stage for each of them.
+
+The Snakefile holds one :class:`Plan`. A rule takes from it only the block its stage uses, as JSON; Snakemake keeps
+that text as a parameter of the job, so a change reruns exactly what depends on it.
+"""
+
+from __future__ import annotations
+
+import json
+
+from vibraverse.config import Config, parse
+from vibraverse.paths import Paths
+from vibraverse.seeds import stable_hash
+from vibraverse.sources.catalogue import Entry, catalogue
+
+
+class Plan:
+    """The objects of a configuration and the options of their stages."""
+
+    def __init__(self, values: dict | Config):
+        self.config = values if isinstance(values, Config) else parse(values)
+        self.paths = Paths(self.config.results)
+        self.objects: dict[str, Entry] = catalogue(self.config)
+        self.shards: dict[str, list[str]] = {}
+        for object_ in self.objects:
+            self.shards.setdefault(self.shard_of(object_), []).append(object_)
+
+    def shard_of(self, object_: str) -> str:
+        """Return the shard an object belongs to, by a stable hash of its id."""
+        return f"{stable_hash(object_, 'shard') % self.config.dataset.shards:05d}"
+
+    def sound_names(self) -> list[str]:
+        """Return the stems of a body's sounds: every material, and every material at every struck point."""
+        points = range(len(self.config.audio.points))
+        return [
+            name for m in self.config.materials for name in (m, *(f"{m}-p{k}" for k in points))
+        ]
+
+    def view_names(self) -> list[tuple[str, str]]:
+        """Return (look, view) of every picture of an object."""
+        images = self.config.images
+        return [(look, f"{view:02d}") for look in images.looks for view in range(images.views)]
+
+    def options(self, stage: str, object_: str = "", shard: str = "") -> str:
+        """Return the JSON block a stage uses, for one object or shard where it differs between them."""
+        config = self.config
+        if stage == "sources":
+            values = self.objects[object_].options
+        elif stage == "modes":
+            values = {
+                "materials": {name: m.model_dump() for name, m in config.materials.items()},
+                "modes": config.basis.modes,
+                "size_m": self.objects[object_].size_m,
+                "default_size_m": config.sources.default_size_m,
+            }
+        elif stage == "dataset":
+            values = {
+                "results": config.results,
+                "objects": sorted(self.shards[shard]),
+                "materials": list(config.materials),
+                "solidities": config.solidities,
+                "looks": config.images.looks,
+                "splits": config.dataset.splits,
+            }
+        else:
+            values = getattr(config, stage).model_dump(mode="json")
+        return json.dumps(values, ensure_ascii=False)

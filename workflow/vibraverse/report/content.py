@@ -1,0 +1,106 @@
+"""What the page shows of each object, and the pictures and sounds that go with it.
+
+A ring time is the time in which a mode falls by 60 dB: ``ln(1000) / d`` for the decay rate ``d``.
+"""
+
+from __future__ import annotations
+
+import io
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+import soundfile
+
+from vibraverse.config.media import split_sound
+from vibraverse.dataset.reader import Reader
+from vibraverse.media.spectrogram import spectrogram_image
+
+_RING = math.log(1000.0)
+#: Pixels of a spectrogram; drawn at about half of that.
+SPECTROGRAM_PX = (720, 240)
+
+
+@dataclass
+class Card:
+    """One object on the page.
+
+    ``facts`` are texts of the source, ``pictures`` file names by look, ``bodies`` size and mesh by solidity (absent
+    when refused), ``refused`` the refusals by solidity, ``rows`` the players: one row per sound, a cell per solidity.
+    ``modes`` holds ``{material: {solidity: [frequencies, ring times]}}``.
+    """
+
+    object: str
+    facts: dict[str, str]
+    pictures: dict[str, list[str]]
+    bodies: dict[str, dict] = field(default_factory=dict)
+    refused: dict[str, dict] = field(default_factory=dict)
+    rows: list[dict] = field(default_factory=list)
+    modes: dict[str, dict[str, list]] = field(default_factory=dict)
+
+
+def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
+    """Return what to show of an object; its pictures and sounds are added to ``assets`` by file name."""
+    group = reader.group(object_id)
+    items = [item for item in reader.items if item["object"] == object_id]
+    facts = {name: group.attrs[name] for name in ("title", "category", "origin", "licence", "attribution", "split")}
+    materials = list(dict.fromkeys(item["material"] for item in items))
+    pictures = {}
+    for look in sorted(group["views"], key=lambda look: materials.index(look) if look in materials else -1):
+        pictures[look] = [f"{object_id}/{look}-{view:02d}.png" for view in range(len(group["views"][look]))]
+        assets.update(zip(pictures[look], (png.tobytes() for png in group["views"][look][()]), strict=True))
+    shown = Card(object_id, facts, pictures)
+    shown.refused = {row["solidity"]: row for row in reader.refusals if row["object"] == object_id}
+    for solidity in dict.fromkeys(item["solidity"] for item in items):
+        body = group[solidity]
+        shown.bodies[solidity] = {
+            "size_m": float(body.attrs["size_m"]),
+            "volume_m3": float(body.attrs["volume_m3"]),
+            "tetrahedra": len(body["tets/cells"]),
+        }
+        for material in materials:
+            shown.modes.setdefault(material, {})[solidity] = _modes(body["materials"][material])
+    names = dict.fromkeys(name for solidity in shown.bodies for name in group[solidity]["sounds"])
+    for name in sorted(names, key=lambda name: _place(name, materials)):
+        material, point = split_sound(name, materials)
+        cells = {
+            solidity: _cell(group[solidity], object_id, solidity, name, material, assets)
+            for solidity in shown.bodies
+            if name in group[solidity]["sounds"]
+        }
+        shown.rows.append({"material": material, "point": point, "cells": cells})
+    return shown
+
+
+def _place(name: str, materials: list[str]) -> tuple[int, int]:
+    material, point = split_sound(name, materials)
+    return materials.index(material), -1 if point is None else point
+
+
+def _modes(material) -> list:
+    """Return frequencies in Hz and ring times in s (0 where the mode is overdamped), rounded for the page."""
+    hz, damping = material["frequencies_hz"][()], material["damping_per_s"][()]
+    rings = np.where(material["damped_frequencies_hz"][()] > 0, _RING / np.maximum(damping, 1e-9), 0.0)
+    return [[float(f"{value:.6g}") for value in hz], [float(f"{value:.4g}") for value in rings]]
+
+
+def _cell(body, object_id: str, solidity: str, name: str, material: str, assets: dict[str, bytes]) -> dict:
+    sound = body["sounds"][name]
+    samples, sample_rate_hz = sound[()], int(sound.attrs["sample_rate_hz"])
+    stem = f"{object_id}/{solidity}-{name}"
+    assets[f"{stem}.flac"] = flac(samples, sample_rate_hz)
+    assets[f"{stem}.png"] = spectrogram_image(samples, sample_rate_hz)
+    return {
+        "audio": f"{stem}.flac",
+        "spectrogram": f"{stem}.png",
+        "duration_s": len(samples) / sample_rate_hz,
+        "f1_hz": float(body["materials"][material]["frequencies_hz"][0]),
+        "mass_kg": float(body["materials"][material].attrs["mass_kg"]),
+    }
+
+
+def flac(samples, sample_rate_hz: int) -> bytes:
+    """Return a 16-bit FLAC file: lossless, half the size of a WAV, played by every browser, same bytes every time."""
+    file = io.BytesIO()
+    soundfile.write(file, samples, sample_rate_hz, format="FLAC", subtype="PCM_16")
+    return file.getvalue()

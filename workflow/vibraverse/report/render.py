@@ -1,0 +1,133 @@
+"""The page as HTML: a template filled with what the dataset holds. It asks nothing of a network."""
+
+from __future__ import annotations
+
+import json
+import math
+from importlib import resources
+
+import jinja2
+from markupsafe import Markup
+
+from vibraverse import __version__
+from vibraverse.dataset.reader import Reader
+from vibraverse.refusal import REASONS
+from vibraverse.report import quantities
+from vibraverse.report.content import SPECTROGRAM_PX, Card, card
+from vibraverse.stages import VERSIONS
+
+#: The look shown first, where there is one.
+_FIRST_LOOK = "clay"
+
+
+def gather(reader: Reader, max_objects: int) -> tuple[list[Card], dict[str, bytes]]:
+    """Return the cards of the first ``max_objects`` objects, and their pictures and sounds by file name."""
+    assets: dict[str, bytes] = {}
+    return [card(reader, object_id, assets) for object_id in reader.objects[:max_objects]], assets
+
+
+def html(title: str, record: dict, refusals: list[dict], cards: list[Card], assets_folder: str) -> str:
+    """Return the page.
+
+    ``record`` is the content of ``dataset.json``, ``refusals`` are the rows of ``refusals.tsv``, and
+    ``assets_folder`` is where the pictures and sounds lie, relative to the page.
+    """
+    environment = jinja2.Environment(
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=jinja2.StrictUndefined,
+        keep_trailing_newline=True,
+    )
+    environment.filters.update(
+        {
+            "count": "{:,}".format,
+            "number": quantities.number,
+            "length_text": quantities.length,
+            "volume_text": quantities.volume,
+            "mass_text": quantities.mass,
+            "frequency_text": quantities.frequency,
+            "duration_text": quantities.duration,
+            "file_size_text": quantities.file_size,
+        }
+    )
+    return environment.from_string(_text("page.html")).render(
+        title=title,
+        version=__version__,
+        style=Markup(_text("style.css")),
+        script=Markup(_text("page.js")),
+        data=Markup(_data(record, cards, assets_folder)),
+        assets=assets_folder,
+        counts=record["counts"],
+        materials=record["materials"],
+        splits=record["objects_by_split"],
+        shards=record["shards"],
+        stages={name: _how(record["made_by"][name]) for name in VERSIONS if name in record["made_by"]},
+        families=sorted({one.facts["category"] for one in cards if one.facts["category"]}),
+        cards=[_with_cover(one) for one in cards],
+        more=record["counts"]["objects"] - len(cards),
+        refusals=_by_reason(refusals),
+        spectrogram_px=SPECTROGRAM_PX,
+    )
+
+
+def _text(name: str) -> str:
+    return resources.files("vibraverse.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _with_cover(one: Card) -> dict:
+    look = _FIRST_LOOK if _FIRST_LOOK in one.pictures else next(iter(one.pictures), "")
+    counts = [len(body[0]) for bodies in one.modes.values() for body in bodies.values()]
+    return {
+        **vars(one),
+        "look": look,
+        "cover": one.pictures[look][0] if look else "",
+        "mode_count": max(counts, default=0),
+    }
+
+
+def _data(record: dict, cards: list[Card], assets_folder: str) -> str:
+    """Return the JSON the page's script reads; ``</`` is broken up so that no text can end the script early."""
+    ranges = record["ranges"]
+    low, high = axis(ranges["f1_hz"]["min"], ranges["f_last_hz"]["max"]) if ranges else (20.0, 20_000.0)
+    value = {
+        "assets": assets_folder,
+        "materials": list(record["materials"]),
+        "range_hz": [low, high],
+        "ticks_hz": ticks(low, high),
+        "objects": {one.object: {"pictures": one.pictures, "modes": one.modes} for one in cards},
+    }
+    return json.dumps(value, ensure_ascii=False, separators=(",", ":")).replace("</", "<\\/")
+
+
+def axis(lowest_hz: float, highest_hz: float) -> tuple[float, float]:
+    """Return the ends of a logarithmic frequency axis: an eighth of a decade of room on both sides."""
+    return float(f"{lowest_hz / 1.33:.3g}"), float(f"{highest_hz * 1.33:.3g}")
+
+
+def ticks(low_hz: float, high_hz: float) -> list[float]:
+    """Return 1, 2 and 5 times every power of ten between two frequencies."""
+    decades = range(math.floor(math.log10(low_hz)), math.ceil(math.log10(high_hz)) + 1)
+    found = [step * 10**decade for decade in decades for step in (1, 2, 5)]
+    return [hz for hz in found if low_hz <= hz <= high_hz]
+
+
+def _by_reason(refusals: list[dict]) -> list[dict]:
+    groups: dict[str, list[dict]] = {}
+    for row in refusals:
+        groups.setdefault(row["reason"], []).append(row)
+    ordered = sorted(groups.items(), key=lambda item: (-len(item[1]), item[0]))
+    return [{"reason": reason, "sentence": REASONS[reason], "rows": rows} for reason, rows in ordered]
+
+
+def _how(how: dict) -> dict:
+    """Return one stage's making with its nested options as flat pairs of key and text."""
+    return {**how, "options": list(_flat(how["options"])), "libraries": list(_flat(how["libraries"]))}
+
+
+def _flat(value, key: str = ""):
+    if isinstance(value, dict):
+        for name, inner in value.items():
+            yield from _flat(inner, f"{key}.{name}" if key else name)
+    else:
+        yield key, value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)

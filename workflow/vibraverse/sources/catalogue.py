@@ -1,0 +1,99 @@
+"""The list of all objects a configuration names: each with its id, its origin and what the stage needs.
+
+Snakemake reads this every time it starts, so nothing here loads a numerical library or opens a mesh.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vibraverse.config import Config, ConfigError, unknown
+from vibraverse.sources.bundled import BUNDLED
+from vibraverse.sources.families import FAMILIES
+from vibraverse.sources.files import NoMeshes, find
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One object: ``options`` are those of the stage ``sources``, ``input`` is a mesh file of the user's.
+
+    ``size_m`` is the longest side in metres as the configuration states it, or None.
+    """
+
+    object: str
+    origin: str
+    options: dict = field(default_factory=dict)
+    input: Path | None = None
+    size_m: float | None = None
+
+
+def catalogue(config: Config) -> dict[str, Entry]:
+    """Return all objects by id, in the order of the configuration: generated, bundled, files, Objaverse.
+
+    Raises :class:`vibraverse.config.ConfigError` for unknown names, missing folders and ids that occur twice.
+    """
+    entries: dict[str, Entry] = {}
+    for entry in _entries(config):
+        other = entries.get(entry.object)
+        if other is not None:
+            raise ConfigError(
+                f"two objects have the id {entry.object!r}: {_whence(other)} and {_whence(entry)}; "
+                "rename one file, or list the folder above both"
+            )
+        entries[entry.object] = entry
+    for object_, size_m in config.sources.sizes_m.items():
+        if object_ not in entries:
+            raise ConfigError(f"sources.sizes_m: {_unknown_object(object_, entries)}")
+        entries[object_] = _sized(entries[object_], size_m)
+    return entries
+
+
+def generated_ids(count: int, families: list[str], first: int = 0) -> list[str]:
+    """Return the ids of ``count`` generated objects: families take turns, each counts from ``first``."""
+    return [
+        f"{families[i % len(families)]}-{first + i // len(families):04d}" for i in range(count) if families
+    ]
+
+
+def _entries(config: Config):
+    sources = config.sources
+    families = list(FAMILIES) if sources.generated.families == "all" else sources.generated.families
+    for family in families:
+        if family not in FAMILIES:
+            raise ConfigError(f"sources.generated.families: {unknown('family', family, FAMILIES)}")
+    families = list(dict.fromkeys(families))
+    for object_ in generated_ids(sources.generated.count, families, sources.generated.first):
+        yield Entry(object_, "generated", {"origin": "generated"})
+    for object_ in dict.fromkeys(sources.bundled):
+        if object_ not in BUNDLED:
+            raise ConfigError(f"sources.bundled: {unknown('bundled model', object_, BUNDLED)}")
+        yield Entry(object_, "bundled", {"origin": "bundled"})
+    for number, files in enumerate(sources.files):
+        try:
+            found = find(files.path)
+        except NoMeshes as error:
+            raise ConfigError(f"sources.files.{number}.path: {error}") from None
+        for object_, path in found.items():
+            options = {"origin": "files", "licence": files.licence}
+            yield Entry(object_, "files", options, path, files.size_m)
+    for uid in dict.fromkeys(sources.objaverse.uids):
+        if not re.fullmatch(r"[A-Za-z0-9_-]+", uid):
+            raise ConfigError(f"sources.objaverse.uids: {uid!r} is not a UID of letters and digits")
+        options = {"origin": "objaverse", "uid": uid, "cache": sources.objaverse.cache}
+        yield Entry(f"objaverse-{uid.lower()}", "objaverse", options)
+
+
+def _sized(entry: Entry, size_m: float) -> Entry:
+    return Entry(entry.object, entry.origin, entry.options, entry.input, size_m)
+
+
+def _whence(entry: Entry) -> str:
+    return str(entry.input) if entry.input else f"{entry.origin} {entry.object}"
+
+
+def _unknown_object(object_: str, entries: dict[str, Entry]) -> str:
+    if not entries:
+        return f"there is no object {object_!r}"
+    return unknown("object", object_, list(entries)).split(" (known", 1)[0]

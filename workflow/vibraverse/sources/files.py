@@ -1,0 +1,170 @@
+"""Mesh files in a file, a folder or a glob, and the ids of their objects.
+
+An id depends on a file's path below the given folder and on nothing else, so that adding files changes no
+other id. The one exception: two paths that make the same id both get a short hash of their path.
+"""
+
+from __future__ import annotations
+
+import glob
+import os
+import unicodedata
+from collections import defaultdict
+from pathlib import Path
+
+from vibraverse.refusal import Refused
+from vibraverse.seeds import stable_hash
+
+#: File name extension -> format, for all that ``vibraverse.meshfiles`` reads.
+FORMATS = {
+    ".obj": "obj",
+    ".stl": "stl",
+    ".ply": "ply",
+    ".off": "off",
+    ".glb": "glb",
+    ".gltf": "gltf",
+    ".3mf": "3mf",
+}
+
+_MAX_ID = 80
+_LETTERS = str.maketrans(
+    {"ß": "ss", "æ": "ae", "ø": "o", "œ": "oe", "đ": "d", "ð": "d", "þ": "th", "ł": "l", "ı": "i"}
+)
+
+
+class NoMeshes(ValueError):
+    """Nothing to read where meshes were expected; the message is one sentence."""
+
+
+def find(path: str) -> dict[str, Path]:
+    """Return the mesh files at ``path`` (a file, a folder with its subfolders, or a glob), by object id.
+
+    Hidden files and folders are left out, links are followed without going round in circles. Sorted by id.
+    Raises :class:`NoMeshes` when there is nothing.
+    """
+    given = Path(path).expanduser()
+    if given.is_file():
+        if not is_mesh(given.name):
+            raise NoMeshes(f"the file {path} is not a mesh in a known format ({_known()})")
+        return {slug(given.stem): given}
+    if given.is_dir():
+        files = list(_walk(given))
+        if not files:
+            raise NoMeshes(f"the folder {path} holds no mesh files ({_known()})")
+        return identify(files, given)
+    if glob.has_magic(str(given)):
+        files = _matching(str(given))
+        if not files:
+            raise NoMeshes(f"no mesh file matches {path} ({_known()})")
+        return identify(files, _fixed_part(given))
+    raise NoMeshes(f"there is no file or folder {path}")
+
+
+def as_one_file(path: Path) -> tuple[bytes, str, float | None]:
+    """Return a mesh file's bytes, its format and the metres per unit it states (None where it states none).
+
+    A .gltf becomes a GLB that holds its neighbours too. Raises :class:`Refused` (``unreadable``) when one is
+    missing; the bytes are not looked at otherwise.
+    """
+    data, format = path.read_bytes(), FORMATS.get(path.suffix.lower(), "")
+    if format == "gltf" and data:
+        from vibraverse.sources.gltf import pack
+
+        try:
+            return pack(data, path.parent), "glb", 1.0
+        except Exception as error:
+            raise Refused(
+                "unreadable",
+                f"{path.name} could not be packed into one file: {' '.join(str(error).split())[:200]}.",
+                "Export it as GLB, or put its buffers beside it.",
+            ) from None
+    if format == "3mf":
+        from vibraverse.sources.threemf import unit_m
+
+        return data, format, unit_m(data)
+    return data, format, 1.0 if format in ("glb", "gltf") else None
+
+
+def is_mesh(name: str) -> bool:
+    """Return whether a file's name says that it is a mesh."""
+    return not name.startswith(".") and name.lower().endswith(tuple(FORMATS))
+
+
+def identify(files: list[Path], base: Path) -> dict[str, Path]:
+    """Return the files by id: the slug of their path below ``base``, joined by ``-``."""
+    by_id: dict[str, list[tuple[str, Path]]] = defaultdict(list)
+    for file in files:
+        relative = Path(os.path.relpath(file, base))
+        by_id[slug("-".join(relative.with_suffix("").parts))].append((relative.as_posix(), file))
+    ids: dict[str, Path] = {}
+    for object_, found in by_id.items():
+        for relative, file in found:
+            ids[object_ if len(found) == 1 else f"{object_}-{_short_hash(relative)}"] = file
+    return dict(sorted(ids.items()))
+
+
+def slug(text: str) -> str:
+    """Return ``text`` as an id of lower-case ASCII letters, digits, ``-`` and ``_``.
+
+    Accents are dropped; a hash stands for letters that have no ASCII form and for what is too long.
+    """
+    lower = text.lower().translate(_LETTERS)
+    plain = "".join(c for c in unicodedata.normalize("NFKD", lower) if not unicodedata.combining(c))
+    kept = "".join(c if c.isascii() and (c.isalnum() or c == "_") else "-" for c in plain)
+    short = "-".join(part for part in kept.split("-") if part)
+    lost = any(c.isalnum() and not c.isascii() for c in plain)
+    if lost or not short or len(short) > _MAX_ID:
+        short = "-".join(part for part in (short[: _MAX_ID - 9].strip("-"), _short_hash(text)) if part)
+    return short
+
+
+def _short_hash(text: str) -> str:
+    return f"{stable_hash('file', unicodedata.normalize('NFC', text)) & 0xFFFFFFFF:08x}"
+
+
+def _known() -> str:
+    return ", ".join(format.upper() for format in FORMATS.values())
+
+
+def _walk(root: Path):
+    """Yield the mesh files below ``root``, each once."""
+    top = os.path.realpath(root)
+    seen = {top}
+    pending = [root]
+    while pending:
+        folder = pending.pop()
+        try:
+            entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
+        except PermissionError:
+            continue
+        for entry in entries:
+            if entry.name.startswith("."):
+                continue
+            if entry.is_dir():
+                real = os.path.realpath(entry.path)
+                # A link to a folder inside the tree adds nothing: that folder is met under its own name.
+                inside = entry.is_symlink() and os.path.commonpath([real, top]) == top
+                if real not in seen and not inside:
+                    seen.add(real)
+                    pending.append(Path(entry.path))
+            elif entry.is_file() and is_mesh(entry.name):
+                yield Path(entry.path)
+
+
+def _matching(pattern: str) -> list[Path]:
+    """Return the mesh files a glob matches; of several names of one file only the shortest counts."""
+    by_file: dict[str, str] = {}
+    for name in sorted(glob.iglob(pattern, recursive=True), key=lambda name: (len(name), name)):
+        if os.path.isfile(name) and is_mesh(os.path.basename(name)):
+            by_file.setdefault(os.path.realpath(name), name)
+    return [Path(name) for name in by_file.values()]
+
+
+def _fixed_part(pattern: Path) -> Path:
+    """Return the folder above the first part of a glob that has a wildcard."""
+    fixed = []
+    for part in pattern.parts[:-1]:
+        if glob.has_magic(part):
+            break
+        fixed.append(part)
+    return Path(*fixed)

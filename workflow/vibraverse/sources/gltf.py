@@ -1,0 +1,89 @@
+"""Pack a .gltf with its neighbours into one GLB.
+
+A GLB (glTF 2.0, section 4) is a 12-byte header, a JSON chunk and one binary chunk. All buffers are
+appended to that chunk and the buffer views into them move along; images become buffer views too.
+"""
+
+from __future__ import annotations
+
+import base64
+import json
+import struct
+from pathlib import Path
+from urllib.parse import unquote
+
+_MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
+_IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
+
+
+def pack(data: bytes, folder: Path) -> bytes:
+    """Return the GLB that holds the glTF JSON ``data`` and the files it refers to, relative to ``folder``.
+
+    An image that is not there is dropped, because geometry does not need it. Raises ``ValueError`` when
+    ``data`` is not glTF 2.0 and ``FileNotFoundError`` when a buffer is missing.
+    """
+    document = json.loads(data)
+    if not isinstance(document, dict) or "asset" not in document:
+        raise ValueError("this is JSON, but not glTF")
+    views = document.setdefault("bufferViews", [])
+    blob = bytearray()
+    starts = []
+    for buffer in document.get("buffers", []):
+        starts.append(_append(blob, _fetch(buffer["uri"], folder)))
+    for view in views:
+        view["byteOffset"] = starts[view.get("buffer", 0)] + view.get("byteOffset", 0)
+        view["buffer"] = 0
+    for image in document.get("images", []):
+        uri = image.pop("uri", None)
+        if uri is None:
+            continue
+        try:
+            content = _fetch(uri, folder)
+        except OSError:
+            content = b""
+        start = _append(blob, content)
+        image["bufferView"] = len(views)
+        image.setdefault("mimeType", _IMAGE_TYPES.get(Path(uri[:200]).suffix.lower(), "image/png"))
+        views.append({"buffer": 0, "byteOffset": start, "byteLength": len(content)})
+    _pad(blob, b"\0")
+    document["buffers"] = [{"byteLength": len(blob)}]
+    text = bytearray(json.dumps(document, separators=(",", ":")).encode())
+    _pad(text, b" ")
+    body = struct.pack("<I4s", len(text), _JSON) + text + struct.pack("<I4s", len(blob), _BIN) + blob
+    return struct.pack("<4sII", _MAGIC, 2, 12 + len(body)) + body
+
+
+def required_extensions(data: bytes) -> list[str]:
+    """Return the extensions without which a GLB cannot be read; ``ValueError`` when ``data`` is no GLB."""
+    if data[:4] != _MAGIC or len(data) < 20:
+        raise ValueError("it does not begin like a GLB file")
+    length, kind = struct.unpack_from("<I4s", data, 12)
+    if kind != _JSON:
+        raise ValueError("its first chunk is not JSON")
+    document = json.loads(data[20 : 20 + length])
+    return [str(name) for name in document.get("extensionsRequired", [])]
+
+
+def _fetch(uri: str, folder: Path) -> bytes:
+    """Return the bytes of a data URI or of a file beside the document."""
+    if uri.startswith("data:"):
+        return base64.b64decode(uri.split(",", 1)[1])
+    path = Path(unquote(uri))
+    if path.is_absolute() or ".." in path.parts or "://" in uri:
+        raise ValueError(f"it refers to {uri!r}, which does not lie beside it")
+    try:
+        return (folder / path).read_bytes()
+    except OSError:
+        raise FileNotFoundError(f"its buffer {uri} is missing") from None
+
+
+def _append(blob: bytearray, content: bytes) -> int:
+    """Append ``content`` at a multiple of four bytes and return where it starts."""
+    _pad(blob, b"\0")
+    start = len(blob)
+    blob += content
+    return start
+
+
+def _pad(blob: bytearray, filler: bytes) -> None:
+    blob += filler * (-len(blob) % 4)

@@ -1,0 +1,94 @@
+"""Objaverse models by UID, through the ``objaverse`` package and its cache.
+
+What the cache holds is used without a network: the index of paths, the metadata that carry licence and
+author, and the GLB files, in the package's own layout.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibraverse.refusal import Refused
+
+#: The licence codes of Sketchfab, from which the models come -> SPDX identifiers.
+LICENCES = {
+    "by": "CC-BY-4.0",
+    "by-sa": "CC-BY-SA-4.0",
+    "by-nd": "CC-BY-ND-4.0",
+    "by-nc": "CC-BY-NC-4.0",
+    "by-nc-sa": "CC-BY-NC-SA-4.0",
+    "by-nc-nd": "CC-BY-NC-ND-4.0",
+    "cc0": "CC0-1.0",
+}
+
+
+@dataclass(frozen=True)
+class Model:
+    """A fetched model and what its author asks to be said."""
+
+    path: Path
+    title: str
+    category: str | None
+    licence: str
+    attribution: str | None
+
+
+def fetch(uid: str, cache: str | Path) -> Model:
+    """Return the model ``uid``, from the cache folder or else from the network.
+
+    Raises :class:`Refused` (``unavailable``) when the UID is unknown or the network does not answer.
+    """
+    package = _package(Path(os.path.expanduser(str(cache))))
+    try:
+        # The package reports progress on the standard output, which belongs to our caller.
+        with contextlib.redirect_stdout(io.StringIO()):
+            if uid not in package._load_object_paths():
+                raise Refused(
+                    "unavailable",
+                    f"Objaverse has no object {uid}.",
+                    "Check the UID in sources.objaverse.uids.",
+                )
+            path = Path(package.load_objects([uid])[uid])
+            annotation = package.load_annotations([uid]).get(uid, {})
+    except (OSError, EOFError, ValueError, zlib.error) as error:
+        raise Refused(
+            "unavailable",
+            f"The Objaverse object {uid} is not in the cache and could not be fetched ({_said(error)}).",
+            f"Connect to the network and repeat, or copy the model into the cache folder ({cache}); "
+            "a damaged file there has to be deleted first.",
+        ) from None
+    user = annotation.get("user") or {}
+    author = " ".join(filter(None, [user.get("displayName") or user.get("username"), annotation.get("uri")]))
+    categories = annotation.get("categories") or [{}]
+    licence = annotation.get("license") or "unknown"
+    return Model(
+        path=path,
+        title=annotation.get("name") or uid,
+        category=categories[0].get("name"),
+        licence=LICENCES.get(licence, licence),
+        attribution=author or None,
+    )
+
+
+def _package(cache: Path):
+    """Return the ``objaverse`` package, pointed at ``cache``."""
+    try:
+        import objaverse
+    except ImportError:
+        raise Refused(
+            "unavailable",
+            "The Python package objaverse is not installed.",
+            "Install it, or leave out its UIDs.",
+        ) from None
+    objaverse.BASE_PATH = str(cache)
+    objaverse._VERSIONED_PATH = str(cache / "hf-objaverse-v1")
+    return objaverse
+
+
+def _said(error: Exception) -> str:
+    return " ".join(str(error).split())[:160] or type(error).__name__

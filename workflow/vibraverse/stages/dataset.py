@@ -1,0 +1,46 @@
+"""Packing: the products of some objects become one HDF5 shard.
+
+The products are found by their paths below ``results``, so the command line stays short however many there are; the
+rule lists them as its inputs for Snakemake's sake.
+"""
+
+from __future__ import annotations
+
+from vibraverse import products
+from vibraverse.config.dataset import ShardOptions
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Write every object's group, then what the shard says about itself."""
+    import h5py
+
+    from vibraverse.cli import UsageError
+    from vibraverse.dataset.pack import finish, pack_object
+    from vibraverse.paths import Paths
+
+    paths = Paths(job.options.results)
+    with h5py.File(job.outputs["shard"], "w") as h5:
+        groups = h5.create_group("objects")
+        try:
+            packed = [
+                pack_object(groups, paths, object_id, job.options, job.final["shard"].name)
+                for object_id in job.options.objects
+            ]
+        except FileNotFoundError as error:
+            raise UsageError(f"dataset: {error.filename or error} does not exist.") from None
+        finish(h5, packed)
+        products.write_provenance(h5, job.provenance())
+
+
+STAGE = Stage(
+    name="dataset",
+    help="pack objects into one HDF5 shard",
+    inputs={},
+    outputs={"shard": "the shard (HDF5)"},
+    run=run,
+    options=ShardOptions,
+    libraries=("numpy", "h5py", "meshio", "soundfile"),
+    per_object=False,
+    passes_refusals=False,
+)

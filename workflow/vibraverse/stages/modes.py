@@ -1,0 +1,71 @@
+"""Stage ``modes``: the modal basis and the materials in, frequencies, damping and mode shapes out."""
+
+from __future__ import annotations
+
+from vibraverse.config.physics import Modes
+from vibraverse.products import read_json, write_provenance
+from vibraverse.stage import Job, Stage
+
+#: Longest side of the normalised bounding box.
+NORMALISED_SIDE = 1.8
+
+_UNITS = {
+    "frequencies_hz": "Hz",
+    "damped_frequencies_hz": "Hz",
+    "damping_per_s": "1/s",
+    "relative_error": "1",
+    "mode_shapes": "kg^-1/2",
+}
+
+
+def object_size_m(options: Modes, clean_record: dict) -> float:
+    """Return the longest side in metres: as configured, else as the source states, else the default."""
+    return options.size_m or clean_record.get("size_m") or options.default_size_m
+
+
+def run(job: Job) -> None:
+    """Solve every material of one body."""
+    import h5py
+
+    from vibraverse.physics.modes import solve_material
+    from vibraverse.stages.basis import read_basis
+
+    size_m = object_size_m(job.options, read_json(job.inputs["clean_record"]))
+    scale_m = size_m / NORMALISED_SIDE
+    with h5py.File(job.inputs["basis"]) as h5:
+        basis = read_basis(h5)
+    with h5py.File(job.outputs["modes"], "w") as h5:
+        h5.attrs["object"] = job.object
+        h5.attrs["solidity"] = job.solidity
+        h5.attrs["size_m"] = size_m
+        h5.attrs["scale_m"] = scale_m
+        h5.attrs["volume_m3"] = basis.volume * scale_m**3
+        write_provenance(h5, job.provenance())
+        h5.create_dataset("surface/vertices", data=basis.vertices.astype("f4")).attrs["unit"] = "normalised length"
+        h5.create_dataset("surface/faces", data=basis.faces).attrs["unit"] = "index into surface/vertices"
+        for name, material in job.options.materials.items():
+            values = material.model_dump()
+            modes = solve_material(basis, values, scale_m, job.options.modes)
+            group = h5.create_group(f"materials/{name}")
+            group.attrs.update(values)
+            group.attrs["mass_kg"] = modes.mass_kg
+            for key, unit in _UNITS.items():
+                array = getattr(modes, key)
+                group.create_dataset(key, data=array.astype("f4") if key == "mode_shapes" else array)
+                group[key].attrs["unit"] = unit
+            print(
+                f"{name}: {modes.frequencies_hz[0]:.1f} Hz to {modes.frequencies_hz[-1]:.1f} Hz, "
+                f"estimated error up to {modes.relative_error.max():.1e}"
+            )
+
+
+STAGE = Stage(
+    name="modes",
+    help="Solve the reduced problem of every material: frequencies, damping and mode shapes.",
+    inputs={"basis": "basis.h5", "clean_record": "clean.json, for the object's size"},
+    outputs={"modes": "modes.h5"},
+    run=run,
+    options=Modes,
+    libraries=("numpy", "scipy"),
+    per_solidity=True,
+)

@@ -1,0 +1,74 @@
+"""Reporting: the page people open, with its pictures and sounds in a folder beside it.
+
+The folder of pictures and sounds is named by their content, so a page never meets those of another; the page
+itself appears last.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import shutil
+from pathlib import Path
+
+from vibraverse import products
+from vibraverse.config.dataset import Report
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Write pictures and sounds, then the page."""
+    from vibraverse.dataset.reader import Reader
+    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
+    from vibraverse.dataset.tables import from_tsv
+    from vibraverse.report import render
+
+    record = products.read_json(job.inputs["record"])
+    index = from_tsv(job.inputs["index"].read_text(encoding="utf-8"), INDEX_COLUMNS)
+    refusals = from_tsv(job.inputs["refusals"].read_text(encoding="utf-8"), REFUSAL_COLUMNS)
+    with Reader(job.inputs["shards"]) as reader:
+        reader.items, reader.refusals = index, refusals
+        cards, assets = render.gather(reader, job.options.max_objects)
+    folder = write_assets(job.final["page"].parent / "assets", assets)
+    page = render.html(job.options.title, record, refusals, cards, f"assets/{folder}")
+    job.outputs["page"].write_text(page, encoding="utf-8")
+
+
+def write_assets(parent: Path, assets: dict[str, bytes]) -> str:
+    """Write files into a folder of ``parent`` named by their content; remove others; return the folder's name."""
+    digest = hashlib.sha256()
+    for name, content in sorted(assets.items()):
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    final = parent / digest.hexdigest()[:12]
+    partial = parent / f".{os.getpid()}.partial"
+    partial.mkdir(parents=True)
+    for name, content in assets.items():
+        path = partial / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(content)
+    if final.exists():
+        shutil.rmtree(final)
+    partial.rename(final)
+    for other in parent.iterdir():
+        if other != final:
+            shutil.rmtree(other)
+    return final.name
+
+
+STAGE = Stage(
+    name="report",
+    help="write the page people open",
+    inputs={
+        "index": "index.tsv",
+        "refusals": "refusals.tsv",
+        "record": "dataset.json",
+        "shards": "all shards (HDF5)",
+    },
+    outputs={"page": "index.html; its pictures and sounds go to assets/ beside it"},
+    run=run,
+    options=Report,
+    many=frozenset({"shards"}),
+    libraries=("jinja2", "matplotlib", "numpy", "h5py", "soundfile"),
+    per_object=False,
+    passes_refusals=False,
+)

@@ -1,0 +1,105 @@
+"""Stage ``sources``: one object's mesh as it came, with where it came from and its licence."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from vibraverse.config.sources import SourceEntry
+from vibraverse.refusal import Refused
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Take the mesh from its origin; a mesh that cannot be parsed is refused by ``clean``, not here."""
+    data, record = _ORIGINS[job.options.origin](job)
+    job.outputs["mesh"].write_bytes(data)
+    job.write_record({"object": job.object, "origin": job.options.origin, **record})
+
+
+def _generated(job: Job) -> tuple[bytes, dict]:
+    from vibraverse.meshfiles import ply_bytes
+    from vibraverse.sources.families import generate
+
+    made = generate(job.object)
+    return ply_bytes(made.vertices, made.faces), {
+        "format": "ply",
+        "file": f"{job.object}.ply",
+        "title": made.title,
+        "category": made.category,
+        "licence": "CC0-1.0",
+        "attribution": None,
+        "size_m": made.size_m,
+        "unit_m": 1.0,
+        "family": made.family,
+        "parameters": made.parameters,
+    }
+
+
+def _bundled(job: Job) -> tuple[bytes, dict]:
+    from vibraverse.sources.bundled import BUNDLED, locate
+
+    about = BUNDLED[job.object]
+    return locate(job.object).read_bytes(), {
+        "format": "ply",
+        "file": about.file,
+        "title": about.title,
+        "category": about.category,
+        "licence": about.licence,
+        "attribution": about.attribution,
+        "size_m": about.size_m,
+        "unit_m": None,
+        "parameters": None,
+    }
+
+
+def _files(job: Job) -> tuple[bytes, dict]:
+    from vibraverse.sources.files import as_one_file
+
+    path: Path | None = job.inputs.get("file")
+    if path is None:
+        raise Refused("unavailable", "No mesh file is given.", "Name it with --file.")
+    data, format, unit_m = as_one_file(path)
+    return data, {
+        "format": format,
+        "file": path.name,
+        "title": path.stem,
+        "category": None,
+        "licence": job.options.licence,
+        "attribution": None,
+        "size_m": None,
+        "unit_m": unit_m,
+        "parameters": None,
+    }
+
+
+def _objaverse(job: Job) -> tuple[bytes, dict]:
+    from vibraverse.sources.objaverse import fetch
+
+    if not job.options.uid:
+        raise Refused("unavailable", "No Objaverse UID is given.", "Name it in the option uid.")
+    model = fetch(job.options.uid, job.options.cache)
+    return model.path.read_bytes(), {
+        "format": "glb",
+        "file": model.path.name,
+        "title": model.title,
+        "category": model.category,
+        "licence": model.licence,
+        "attribution": model.attribution,
+        "size_m": None,
+        "unit_m": None,  # uploads come in any scale, whatever the format says
+        "parameters": None,
+    }
+
+
+_ORIGINS = {"generated": _generated, "bundled": _bundled, "files": _files, "objaverse": _objaverse}
+
+STAGE = Stage(
+    name="sources",
+    help="Fetch or generate one object's mesh, with where it came from.",
+    inputs={"file": "a mesh file of your own (origin files only)"},
+    outputs={"mesh": "the mesh as it came (source.mesh)", "record": "where it came from (source.json)"},
+    run=run,
+    options=SourceEntry,
+    optional=frozenset({"file"}),
+    libraries=("manifold3d", "numpy"),
+)

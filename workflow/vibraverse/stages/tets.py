@@ -1,0 +1,46 @@
+"""tets: fill the boundary surface of a body with tetrahedra."""
+
+from __future__ import annotations
+
+from vibraverse.config.geometry import Tets
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Read the surface, mesh the body in a child process, write the tetrahedra and their record."""
+    from vibraverse import meshfiles
+    from vibraverse.geometry import surfaces, tets
+
+    surface = meshfiles.read_mesh(job.inputs["surface"], "ply")
+    mesh = tets.mesh_body(surface.vertices, surface.faces, job.options)
+    tets_file(job.outputs["tets"], mesh.points, mesh.cells)
+    job.write_record(
+        {
+            "object": job.object,
+            "solidity": job.solidity,
+            "vertices": len(mesh.points),
+            "tetrahedra": len(mesh.cells),
+            "volume": float(tets.quality.volumes(mesh.points, mesh.cells).sum()),
+            "surface_volume": surfaces.volume(surface.vertices, surface.faces),
+            "quality": mesh.quality,
+        }
+    )
+
+
+def tets_file(path, points, cells) -> None:
+    """Write points and tetrahedra as a gmsh file."""
+    import meshio
+
+    meshio.Mesh(points, [("tetra", cells)]).write(path, file_format="gmsh", binary=True)
+
+
+STAGE = Stage(
+    name="tets",
+    help="fill a surface with tetrahedra",
+    inputs={"surface": "closed boundary surface of the body (PLY)"},
+    outputs={"tets": "tetrahedra (gmsh .msh)", "record": "counts, volume and quality (JSON)"},
+    run=run,
+    options=Tets,
+    libraries=("gmsh", "meshio", "mmgpy"),
+    per_solidity=True,
+)

@@ -1,0 +1,53 @@
+"""Every list of files a rule asks for, in one place."""
+
+from __future__ import annotations
+
+from vibraverse.plan import Plan
+
+
+def sounds(plan: Plan) -> list[str]:
+    """Return the sound patterns of one body, with the wildcards left open."""
+    return [plan.paths.sound.replace("{material}", name) for name in plan.sound_names()]
+
+
+def views(plan: Plan) -> list[str]:
+    """Return the picture patterns of one object, with the wildcard left open."""
+    return [
+        plan.paths.view.replace("{look}", look).replace("{view}", view) for look, view in plan.view_names()
+    ]
+
+
+def object_products(plan: Plan, object_: str) -> list[str]:
+    """Return every product of one object that the dataset packs."""
+    paths = plan.paths
+    patterns = [
+        paths.source_record,
+        paths.surface,
+        paths.clean_record,
+        paths.grids,
+        paths.coarse,
+        paths.images_record,
+        *views(plan),
+    ]
+    if "hollow" in plan.config.solidities:
+        patterns += [paths.hollow_surface, paths.hollow_record]
+    body = [paths.tets, paths.tets_record, paths.basis, paths.modes, paths.audio_record, *sounds(plan)]
+    products = [paths.at(pattern, object=object_) for pattern in patterns]
+    for solidity in plan.config.solidities:
+        products += [paths.at(pattern, object=object_, solidity=solidity) for pattern in body]
+    return products
+
+
+def shard_products(plan: Plan, shard: str) -> list[str]:
+    """Return every product of the objects in one shard."""
+    return [product for object_ in sorted(plan.shards[shard]) for product in object_products(plan, object_)]
+
+
+def shards(plan: Plan) -> list[str]:
+    """Return all shards of the dataset."""
+    return [plan.paths.at(plan.paths.shard, shard=shard) for shard in sorted(plan.shards)]
+
+
+def everything(plan: Plan) -> list[str]:
+    """Return what a run makes in the end."""
+    return [plan.paths.report, plan.paths.verdict]
