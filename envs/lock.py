@@ -80,12 +80,17 @@ def compile_lock(folder: Path, name: str, requirements: list[str], *options: str
     subprocess.run(command, cwd=folder, check=True)
     text = target.read_text().replace(f"-r {source.name}", f"vibraverse[{name}]")
     text = re.sub("-c everything.txt, |, -c everything.txt", "", text)
-    return re.sub(r" ; ([^()\n]*) (?=\\$)", _without_platform, text, flags=re.MULTILINE)
+    return without_platform(text)
 
 
-def _without_platform(marker: re.Match) -> str:
-    clauses = [clause for clause in marker[1].split(" and ") if clause not in PLATFORM]
-    return f" ; {' and '.join(clauses)} " if clauses else " "
+def without_platform(lock: str) -> str:
+    """Return a lock without the clauses of markers that the platform fulfils."""
+
+    def shorten(marker: re.Match) -> str:
+        clauses = [clause for clause in marker[1].split(" and ") if clause not in PLATFORM]
+        return f" ; {' and '.join(clauses)} " if clauses else " "
+
+    return re.sub(r" ; ([^()\n]*) (?=\\$)", shorten, lock, flags=re.MULTILINE)
 
 
 def pins(lock: str) -> list[str]:

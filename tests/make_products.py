@@ -12,17 +12,18 @@ import json
 from pathlib import Path
 
 import h5py
-import meshio
 import numpy as np
 import soundfile
 import trimesh
 from PIL import Image
 
 from vibraverse import meshfiles, products
+from vibraverse.cli import main
 from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.refusal import Refusal
 from vibraverse.seeds import rng
+from vibraverse.tetfiles import write_tets
 
 MATERIAL_NAMES = ("ceramic", "glass", "wood", "steel")
 LOOKS = ("clay", *MATERIAL_NAMES)
@@ -68,23 +69,41 @@ def make(results: Path, objects=OBJECTS, views: int = 3) -> Paths:
     return paths
 
 
-def shards(results: Path, vibraverse, groups=(("ball-0000", "leaf"), ("bar-0000",))) -> list[Path]:
-    """Pack the products into shards with the stage ``dataset``."""
+def pack(results: Path, groups=(("ball-0000", "leaf"), ("bar-0000",))) -> list[Path]:
+    """Pack the products into shards with the stage ``dataset``, one for each group of objects."""
     paths = Paths(results)
     made = [Path(paths.at(paths.shard, shard=str(number))) for number in range(len(groups))]
     for shard, objects in zip(made, groups, strict=True):
-        status, _, errors = vibraverse("dataset", "--shard", shard, "--options", options(results, objects))
-        assert status == 0, errors
+        call("dataset", "--shard", shard, "--options", options(results, objects))
     return made
 
 
-def index(results: Path, vibraverse, made: list[Path]) -> Paths:
+def index(results: Path, shards: list[Path]) -> None:
     """Write index, refusals and record of the shards with the stage ``index``."""
     paths = Paths(results)
     outputs = ("--index", paths.index, "--refusals", paths.refusals, "--record", paths.dataset_record)
-    status, _, errors = vibraverse("index", "--shards", *made, *outputs)
-    assert status == 0, errors
+    call("index", "--shards", *shards, *outputs)
+
+
+def report(results: Path, **changes) -> Path:
+    """Write the page with the stage ``report``."""
+    paths = Paths(results)
+    shards = sorted(Path(paths.shard).parent.glob("*.h5"))
+    inputs = ("--index", paths.index, "--refusals", paths.refusals, "--record", paths.dataset_record)
+    call("report", *inputs, "--shards", *shards, "--page", paths.report, "--options", json.dumps(changes))
+    return Path(paths.report)
+
+
+def build(results: Path) -> Paths:
+    """Write the products, pack them into two shards and index those."""
+    paths = make(results)
+    index(results, pack(results))
     return paths
+
+
+def call(*arguments) -> None:
+    """Run the command line, which must succeed."""
+    assert main([str(argument) for argument in arguments]) == 0, arguments
 
 
 def provenance(stage: str, object_id: str, solidity: str = "", **values) -> dict:
@@ -195,7 +214,7 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
         products.write_json(at(paths.hollow_record), record)
     points = np.concatenate([vertices, [[0.0, 0.0, 0.0]]])
     tets = np.column_stack([faces[:, ::-1], np.full(len(faces), len(vertices))])
-    meshio.write(at(paths.tets), meshio.Mesh(points, {"tetra": tets}), file_format="gmsh", binary=True)
+    write_tets(at(paths.tets), points, tets)
     corners = points[tets]
     volume = float(np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6)
     record = {"vertices": len(points), "tetrahedra": len(tets), "volume": volume}
@@ -205,19 +224,24 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
     random = rng(object_id, solidity)
     rank = 8
     with h5py.File(at(paths.basis), "w") as h5:
-        h5.attrs["order"], h5.attrs["poisson_nodes"] = 2, [0.1, 0.4]
+        h5.attrs.update(volume=volume, energy_poisson=0.25, order=2, n_vertices=len(points), n_tetrahedra=len(tets))
+        h5.attrs.update(n_unknowns=3 * len(points), method="dense", factorisation="none")
         h5["reduced/lambda"], h5["reduced/mu"] = np.eye(rank), 2 * np.eye(rank)
+        h5["reduced/residual_gram"], h5["reduced/residuals"] = np.eye(3 * rank), np.zeros((2, 4))
+        h5["reduced/poisson_nodes"] = [0.1, 0.4]
         h5["surface/vertices"], h5["surface/faces"] = vertices, faces.astype(np.int32)
         h5["surface/basis"] = random.normal(size=(len(vertices), 3, rank)).astype(np.float32)
+        h5["rigid/centre"], h5["rigid/inertia"] = np.zeros(3), np.eye(3)
         products.write_provenance(h5, provenance("basis", object_id, solidity, order=2))
     sounds = {}
     with h5py.File(at(paths.modes), "w") as h5:
         h5.attrs.update(object=object_id, solidity=solidity, size_m=SIZE_M, scale_m=SIZE_M / 1.8)
+        h5.attrs["volume_m3"] = volume * (SIZE_M / 1.8) ** 3
         h5["surface/vertices"], h5["surface/faces"] = vertices.astype(np.float32), faces.astype(np.int32)
         for name in MATERIAL_NAMES:
             material = MATERIALS[name]
             group = h5.create_group(f"materials/{name}")
-            group.attrs.update(material)
+            group.attrs.update(material, mass_kg=material["density_kg_m3"] * h5.attrs["volume_m3"])
             hz = frequencies(object_id, solidity, material)
             damping = 0.5 * (material["alpha_per_s"] + material["beta_s"] * (2 * np.pi * hz) ** 2)
             group["frequencies_hz"], group["damping_per_s"] = hz, damping

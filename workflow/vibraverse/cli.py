@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import importlib
+import itertools
 import os
 import sys
 from pathlib import Path
@@ -39,7 +40,13 @@ COMMANDS = {
     "refusals": "list refused objects by reason, or make them run again",
 }
 
-_THREAD_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")
+_THREAD_VARIABLES = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMEXPR_NUM_THREADS",
+    "LP_NUM_THREADS",  # Mesa's software renderer
+)
 
 
 class UsageError(Exception):
@@ -95,7 +102,7 @@ def _run_stage(name: str, argv: list[str], command: list[str]) -> int:
     from vibraverse.config import ConfigError, validate
     from vibraverse.stage import Job, run
 
-    threads = next((b for a, b in zip(argv, argv[1:], strict=False) if a == "--threads"), "1")
+    threads = next((b for a, b in itertools.pairwise(argv) if a == "--threads"), "1")
     set_threads(int(threads) if threads.isdigit() else 1)
     stage = importlib.import_module(f"vibraverse.stages.{name}").STAGE
 

@@ -29,18 +29,6 @@ class Plan:
         """Return the shard an object belongs to, by a stable hash of its id."""
         return f"{stable_hash(object_, 'shard') % self.config.dataset.shards:05d}"
 
-    def sound_names(self) -> list[str]:
-        """Return the stems of a body's sounds: every material, and every material at every struck point."""
-        points = range(len(self.config.audio.points))
-        return [
-            name for m in self.config.materials for name in (m, *(f"{m}-p{k}" for k in points))
-        ]
-
-    def view_names(self) -> list[tuple[str, str]]:
-        """Return (look, view) of every picture of an object."""
-        images = self.config.images
-        return [(look, f"{view:02d}") for look in images.looks for view in range(images.views)]
-
     def options(self, stage: str, object_: str = "", shard: str = "") -> str:
         """Return the JSON block a stage uses, for one object or shard where it differs between them."""
         config = self.config

@@ -33,7 +33,7 @@ def remove_partials(path: Path) -> None:
 
 
 def remove_others(kept: list[Path]) -> None:
-    """Remove what an earlier configuration left: files beside ``kept`` of the same kind that are not among them."""
+    """Remove what an earlier configuration left beside ``kept``: files of the same kind that are not kept."""
     names = {path.name for path in kept}
     for folder, suffix in {(path.parent, path.suffix) for path in kept}:
         for other in folder.glob(f"*{suffix}"):

@@ -7,14 +7,15 @@ from vibraverse.plan import Plan
 
 def sounds(plan: Plan) -> list[str]:
     """Return the sound patterns of one body, with the wildcards left open."""
-    return [plan.paths.sound.replace("{material}", name) for name in plan.sound_names()]
+    return [
+        plan.paths.sound.replace("{material}", name)
+        for name in plan.config.audio.names(plan.config.materials)
+    ]
 
 
 def views(plan: Plan) -> list[str]:
     """Return the picture patterns of one object, with the wildcard left open."""
-    return [
-        plan.paths.view.replace("{look}", look).replace("{view}", view) for look, view in plan.view_names()
-    ]
+    return [plan.paths.view.replace("{look}-{view}", name) for name in plan.config.images.names()]
 
 
 def object_products(plan: Plan, object_: str) -> list[str]:

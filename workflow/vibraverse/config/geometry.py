@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field, PositiveFloat, PositiveInt, field_validator
 
 from vibraverse.config.base import Section
 
@@ -42,6 +42,17 @@ class Hollow(Section):
 
     thickness: tuple[float, float] = (0.3, 0.7)
     """Range of ``t``, drawn by the object's seed: the wall reaches ``t`` of the way to the deepest point."""
+
+    limits: Limits = Limits()
+    """Limits of making the cavity."""
+
+    @field_validator("thickness")
+    @classmethod
+    def _inside_the_body(cls, thickness):
+        low, high = thickness
+        if not 0 < low <= high < 1:
+            raise ValueError("the two numbers must satisfy 0 < low <= high < 1")
+        return thickness
 
 
 class Tets(Section):

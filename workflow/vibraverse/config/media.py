@@ -28,7 +28,6 @@ class Audio(Section):
     """Struck points in normalised coordinates; for each, one more sound per material. Empty: only the
     location-invariant sound."""
 
-
     def names(self, materials) -> list[str]:
         """Return the sounds of a body, by the stems of their files: ``ceramic``, ``ceramic-p0``, …"""
         struck = ["", *(f"-p{index}" for index in range(len(self.points)))]

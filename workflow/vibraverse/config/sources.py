@@ -29,8 +29,8 @@ class Files(Section):
     """A file, a folder (searched with its subfolders) or a glob; OBJ, STL, PLY, OFF, GLB, glTF, 3MF."""
 
     size_m: PositiveFloat | None = None
-    """Longest side of every mesh in metres; without it GLB and glTF keep their metres and others get
-    ``sources.default_size_m``."""
+    """Longest side of every mesh in metres; without it GLB, glTF and 3MF keep the size they state and others
+    get ``sources.default_size_m``."""
 
     licence: str = "unknown"
     """Licence that holds for these files, kept in every record."""

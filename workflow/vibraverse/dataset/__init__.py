@@ -31,6 +31,6 @@ def torch_dataset(path, fields=None, look: str = "clay", transform=None, **condi
     the index: ``torch_dataset("results/dataset", fields=["frequencies_hz", "views"], split="train")``.
     ``transform`` is applied to every item. Needs torch, which nothing else of the dataset does.
     """
-    from vibraverse.dataset.torch_dataset import TorchDataset
+    from vibraverse.dataset.pytorch import TorchDataset
 
     return TorchDataset(open(path, fields, look).where(**conditions), transform)

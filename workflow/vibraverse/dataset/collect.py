@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import h5py
-import meshio
 import soundfile
 
 from vibraverse import products
@@ -20,6 +19,7 @@ from vibraverse.config.media import split_sound
 from vibraverse.dataset.chain import OBJECT_CHAIN, body_chain
 from vibraverse.meshfiles import read_mesh, read_ply
 from vibraverse.paths import Paths
+from vibraverse.tetfiles import read_tets
 
 Pairs = Iterator[tuple[str, Any]]
 
@@ -58,39 +58,21 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
     if solidity == "hollow":
         yield "hollow/cavity", _text(products.read_json(at(paths.hollow_record)))
         yield from _surface("hollow/boundary", at(paths.hollow_surface))
-    tets = products.read_json(at(paths.tets_record))
-    mesh = meshio.read(at(paths.tets))
-    yield f"{solidity}/tets/record", _text(tets)
-    yield f"{solidity}/tets/points", mesh.points
-    yield f"{solidity}/tets/cells", mesh.cells_dict["tetra"]
+    points, cells = read_tets(at(paths.tets))
+    yield f"{solidity}/tets/record", _text(products.read_json(at(paths.tets_record)))
+    yield f"{solidity}/tets/points", points
+    yield f"{solidity}/tets/cells", cells
 
     with h5py.File(at(paths.basis)) as basis:
-        yield f"{solidity}/basis/lambda", basis["reduced/lambda"][()]
-        yield f"{solidity}/basis/mu", basis["reduced/mu"][()]
-        yield f"{solidity}/basis/surface", basis["surface/basis"][()]
-        yield f"{solidity}/basis@order", basis.attrs["order"]
-        yield f"{solidity}/basis@poisson_nodes", basis.attrs["poisson_nodes"]
+        yield from _everything(basis, f"{solidity}/basis")
 
     with h5py.File(at(paths.modes)) as modes:
-        volume_m3 = tets["volume"] * modes.attrs["scale_m"] ** 3
-        yield f"{solidity}@size_m", modes.attrs["size_m"]
-        yield f"{solidity}@scale_m", modes.attrs["scale_m"]
-        yield f"{solidity}@volume_m3", volume_m3
-        yield f"{solidity}/surface/vertices", modes["surface/vertices"][()]
-        yield f"{solidity}/surface/faces", modes["surface/faces"][()]
+        for key in ("size_m", "scale_m", "volume_m3"):
+            yield f"{solidity}@{key}", modes.attrs[key]
         for name in materials:
             material, place = modes["materials"][name], f"{solidity}/materials/{name}"
-            for key in ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s"):
-                yield f"{place}@{key}", material.attrs[key]
-            yield f"{place}@mass_kg", material.attrs["density_kg_m3"] * volume_m3
-            for key in (
-                "frequencies_hz",
-                "damping_per_s",
-                "damped_frequencies_hz",
-                "relative_error",
-                "mode_shapes",
-            ):
-                yield f"{place}/{key}", material[key][()]
+            yield from ((f"{place}@{key}", value) for key, value in material.attrs.items())
+            yield from ((f"{place}/{key}", array[()]) for key, array in material.items())
 
     audio = products.read_json(at(paths.audio_record))
     yield f"{solidity}/audio", _text(audio)
@@ -124,9 +106,21 @@ def provenance_of(path: Path) -> dict:
 
 
 def _surface(place: str, path: Path) -> Pairs:
-    mesh = read_mesh(path)
-    yield f"{place}/vertices", mesh.vertices
-    yield f"{place}/faces", mesh.faces
+    if path.suffix == ".ply":
+        vertices, faces = read_ply(path)
+    else:
+        mesh = read_mesh(path)
+        vertices, faces = mesh.vertices, mesh.faces
+    yield f"{place}/vertices", vertices
+    yield f"{place}/faces", faces
+
+
+def _everything(h5, place: str) -> Pairs:
+    """Yield all attributes and arrays of an HDF5 product but its provenance, in the same layout."""
+    found: list[str] = []
+    h5.visit(found.append)
+    yield from ((f"{place}@{key}", value) for key, value in h5.attrs.items() if key != "provenance")
+    yield from ((f"{place}/{name}", h5[name][()]) for name in found if isinstance(h5[name], h5py.Dataset))
 
 
 def _text(record: dict) -> str:

@@ -170,7 +170,10 @@ def _pieces(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> list[r
         pieces = repair.join(bodies, _WELD)
     except ValueError as error:
         raise Unfit(f"a part is not closed ({error})") from None
-    notes.append(f"closed the holes of {closed} and joined {len(bodies)} parts")
+    if closed:
+        notes.append(f"closed the holes of {closed} of {len(bodies)} parts")
+    if len(bodies) > 1:
+        notes.append(f"joined {len(bodies)} parts, which left {len(pieces)}")
     return pieces
 
 

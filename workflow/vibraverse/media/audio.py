@@ -20,9 +20,9 @@ PEAK_DBFS = -1.0
 def wav_bytes(samples, sample_rate_hz: int, subtype: str = "PCM_24") -> tuple[bytes, dict]:
     """Return a mono WAV file of ``samples`` (n,) with its peak at :data:`PEAK_DBFS`, and its levels.
 
-    Levels: ``gain`` (stored = physical · gain; 1 for silence), ``peak`` (physical), ``peak_dbfs`` and ``rms_dbfs`` of
-    the stored samples over the whole sound and ``loudest_dbfs``, the RMS over its loudest 50 ms; None stands for the
-    level of silence.
+    Levels: ``gain`` (stored = physical · gain; 1 for silence), ``peak`` (physical), ``peak_dbfs`` and
+    ``rms_dbfs`` of the stored samples over the whole sound and ``loudest_dbfs``, the RMS over its loudest
+    50 ms; None stands for the level of silence.
     """
     samples = np.asarray(samples, dtype=np.float64)
     peak = float(np.abs(samples).max(initial=0.0))

@@ -1,9 +1,9 @@
 """Pictures of a surface: one light studio, one camera that always sees the whole object, a look per material.
 
-VTK shades physically (metallic-roughness) in the light of a studio made of soft boxes; a few lines of GLSL add
-what it has not: refraction for clear materials, growth rings for wood, and a film curve that keeps highlights.
-Frames are drawn larger and averaged down. Nothing needs a screen: OSMesa draws in memory, and EGL does where
-there is no OSMesa.
+VTK shades physically (metallic-roughness) in the light of a studio made of soft boxes; a few lines of GLSL
+add what it has not: refraction for clear materials, growth rings for wood, and a film curve that keeps
+highlights. Frames are drawn larger and averaged down. Nothing needs a screen: OSMesa draws in memory, and EGL
+does where there is no OSMesa.
 """
 
 from __future__ import annotations
@@ -30,6 +30,12 @@ FEATURE_ANGLE_DEG = 40.0
 BACKGROUND = (0.925, 0.93, 0.94)
 #: Frames are drawn this many times larger and averaged down, as far as ``_MAX_DRAWN_PX`` allows.
 _SUPERSAMPLING, _MAX_DRAWN_PX = 3, 4096
+#: VTK's windows without a screen, best first, and the libraries of which each needs one.
+_WINDOWS = {
+    "vtkOSOpenGLRenderWindow": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"),
+    "vtkEGLRenderWindow": ("libEGL.so.1", "libEGL.so"),
+}
+_WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 
 
 @dataclass(frozen=True)
@@ -71,7 +77,8 @@ def views_around(count: int) -> list[View]:
 def camera_distance(points, views: list[View]) -> float:
     """Return the smallest distance from the origin at which every view shows all ``points`` (V, 3).
 
-    A point at ``(x, y, z)`` in camera axes is inside the picture when ``|x|, |y| <= (D - z) tan(fov/2) · fill``.
+    A point at ``(x, y, z)`` in camera axes is inside the picture when
+    ``max(|x|, |y|) <= (D - z) tan(fov/2)``; the slope is made smaller by :data:`FILL`.
     """
     slope = FILL * math.tan(math.radians(FIELD_OF_VIEW_DEG) / 2)
     points = np.asarray(points, dtype=np.float64)
@@ -110,8 +117,8 @@ def studio(height: int = 128) -> np.ndarray:
 def render_views(vertices, faces, views: list[View], looks: list[str], size_px: int) -> Rendering:
     """Draw a closed surface from every view in every look.
 
-    ``vertices`` (V, 3) and outward ``faces`` (F, 3) may be anywhere; the middle of the bounding box is the middle
-    of the picture. Raises RuntimeError when the machine offers no off-screen renderer.
+    ``vertices`` (V, 3) and outward ``faces`` (F, 3) may be anywhere; the middle of the bounding box is the
+    middle of the picture. Raises RuntimeError when the machine offers no off-screen renderer.
     """
     _choose_window()
     import pyvista
@@ -178,17 +185,24 @@ def _renderer_name(description: str) -> str:
 
 def _choose_window() -> None:
     """Tell VTK how to draw without a screen, before it first does: in memory, or through EGL."""
-    name = "VTK_DEFAULT_OPENGL_WINDOW"
-    if os.environ.get(name):
+    if os.environ.get(_WINDOW_VARIABLE):
         return
-    os.environ[name] = "vtkEGLRenderWindow"
-    for library in ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"):
-        try:
-            ctypes.CDLL(library)
-        except OSError:
-            continue
-        os.environ[name] = "vtkOSOpenGLRenderWindow"
-        return
+    for window, libraries in _WINDOWS.items():
+        if any(_loads(library) for library in libraries):
+            os.environ[_WINDOW_VARIABLE] = window
+            return
+    raise RuntimeError(
+        "this machine has no off-screen renderer: install OSMesa (Debian: libosmesa6) "
+        "or EGL (Debian: libegl1 and libgl1-mesa-dri)"
+    )
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
 
 
 def _light(plotter):
@@ -239,8 +253,5 @@ def _actor(plotter, surface, look):
         reset_camera=False,
     )
     actor.prop.SetColor(*_linear(look.colour))
-    if look.coat:
-        actor.prop.SetCoatStrength(look.coat)
-        actor.prop.SetCoatRoughness(0.08)
     shaders.dress(actor, look.kind, _linear(BACKGROUND), _linear(look.second))
     return actor

@@ -10,16 +10,14 @@ from typing import Literal
 class Look:
     """The surface of a material.
 
-    ``colour`` is sRGB in 0…1; for ``clear`` materials it is what is left of white light after one body length.
-    ``metallic``, ``roughness``, ``coat`` (strength of a clear, smooth layer on top) are in 0…1. ``kind`` picks the
-    shader: ``plain``, ``wood`` (growth rings through the body, ``second`` is the late wood's colour) or ``clear``
-    (refracts the surroundings).
+    ``colour`` is sRGB in 0…1; for ``clear`` materials it is what is left of white light after one body
+    length. ``metallic`` and ``roughness`` are in 0…1. ``kind`` picks the shader: ``plain``, ``wood`` (growth
+    rings through the body, ``second`` is the late wood's colour) or ``clear`` (refracts the surroundings).
     """
 
     colour: tuple[float, float, float]
     metallic: float = 0.0
     roughness: float = 0.5
-    coat: float = 0.0
     kind: Literal["plain", "wood", "clear"] = "plain"
     second: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
@@ -27,12 +25,12 @@ class Look:
 #: Looks by the name of the material; ``clay`` is neutral.
 LOOKS = {
     "clay": Look((0.80, 0.75, 0.69), roughness=0.75),
-    "ceramic": Look((0.86, 0.83, 0.76), roughness=0.30, coat=1.0),
+    "ceramic": Look((0.88, 0.86, 0.81), roughness=0.15),
     "glass": Look((0.87, 0.96, 0.93), roughness=0.02, kind="clear"),
-    "wood": Look((0.76, 0.54, 0.33), roughness=0.50, coat=0.2, kind="wood", second=(0.49, 0.30, 0.16)),
+    "wood": Look((0.76, 0.54, 0.33), roughness=0.45, kind="wood", second=(0.49, 0.30, 0.16)),
     "plastic": Look((0.80, 0.16, 0.13), roughness=0.35),
-    "iron": Look((0.40, 0.39, 0.39), metallic=1.0, roughness=0.55),
-    "polycarbonate": Look((0.80, 0.90, 0.985), roughness=0.25, kind="clear"),
+    "iron": Look((0.47, 0.46, 0.45), metallic=1.0, roughness=0.55),
+    "polycarbonate": Look((0.85, 0.92, 0.985), roughness=0.20, kind="clear"),
     "steel": Look((0.77, 0.78, 0.80), metallic=1.0, roughness=0.22),
     "tin": Look((0.87, 0.86, 0.83), metallic=1.0, roughness=0.40),
 }

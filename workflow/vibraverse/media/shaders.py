@@ -1,8 +1,8 @@
 """GLSL that VTK's physically based shader has not: refraction, growth rings, a film curve.
 
-The pieces run inside VTK's fragment shader and use its names: ``albedo``, ``diffuseColor``, ``color`` (linear
-radiance), ``N`` and ``V`` (normal and direction to the camera), ``NdV``, ``roughness``, ``envMatrix`` and ``prefilterTex``
-(the studio's light, blurred more at each level).
+The pieces run inside VTK's fragment shader and use its names: ``diffuseColor``, ``color`` (linear radiance),
+``N`` and ``V`` (normal and direction to the camera), ``NdV`` (their product), ``roughness``, ``envMatrix`` and
+``prefilterTex`` (the studio's light, blurred more at each level).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ FILM = """
   fragOutput0.rgb = pow(color, vec3(1.0 / 2.2));
 """
 
-#: A ray bends into the body and out of it again as if the body were locally a ball: it leaves where the outward normal
-#: is the entry's mirrored at the ray. What it then meets is the backdrop straight ahead, the studio elsewhere. The near
-#: side lets half of the far side, drawn before it, shine through.
+#: A ray bends into the body and out of it again as if the body were locally a ball: it leaves where the outward
+#: normal is the entry's mirrored at the ray. What it then meets is the backdrop straight ahead, the studio
+#: elsewhere. The near side lets half of the far side, drawn before it, shine through.
 CLEAR = """
   vec3 ray = refract(-V, N, 1.0 / 1.5);
   vec3 farNormal = N - 2.0 * dot(N, ray) * ray;
@@ -37,15 +37,17 @@ float noise(vec3 p)
   vec3 i = floor(p), f = fract(p);
   f = f * f * (3.0 - 2.0 * f);
   vec2 o = vec2(0.0, 1.0);
-  return mix(mix(mix(lattice(i), lattice(i + o.yxx), f.x), mix(lattice(i + o.xyx), lattice(i + o.yyx), f.x), f.y),
-    mix(mix(lattice(i + o.xxy), lattice(i + o.yxy), f.x), mix(lattice(i + o.xyy), lattice(i + o.yyy), f.x), f.y), f.z);
+  vec4 low = vec4(lattice(i), lattice(i + o.yxx), lattice(i + o.xyx), lattice(i + o.yyx));
+  vec4 high = vec4(lattice(i + o.xxy), lattice(i + o.yxy), lattice(i + o.xyy), lattice(i + o.yyy));
+  vec4 level = mix(low, high, f.z);
+  return mix(mix(level.x, level.y, f.x), mix(level.z, level.w, f.x), f.y);
 }
 """
 
-#: Rings around a trunk beside the body, leaning a little so that no face shows straight lines only; late wood is the dark
-#: end of each ring, fibres run along the trunk.
+#: Rings around a trunk beside the body, leaning a little so that no face shows straight lines only; late wood is
+#: the dark end of each ring, fibres run along the trunk.
 WOOD = """
-  vec3 trunk = vec3(bodyPosition.x + 0.18 * bodyPosition.z + 0.9, bodyPosition.y - 0.12 * bodyPosition.z + 0.6, bodyPosition.z);
+  vec3 trunk = bodyPosition + vec3(0.9 + 0.18 * bodyPosition.z, 0.6 - 0.12 * bodyPosition.z, 0.0);
   float ring = fract(9.0 * length(trunk.xy) + 1.1 * noise(vec3(1.6 * trunk.xy, 0.7 * trunk.z)));
   float late = smoothstep(0.25, 0.88, ring) * (1.0 - smoothstep(0.9, 1.0, ring));
   float fibre = noise(vec3(70.0 * trunk.xy, 5.0 * trunk.z));

@@ -20,9 +20,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.physics.eigensolver import fix_signs, orthonormalise, project, shift_for, solve
+from vibraverse.physics.eigensolver import RIGID, fix_signs, orthonormalise, project, shift_for, solve
 from vibraverse.physics.elasticity import Operators, assemble, lame, rigid_modes
 from vibraverse.physics.factorisation import factorise
+
+
+#: Modes solved for beyond those kept: where spectra cross between the nodes of ν, a mode just above the last
+#: one kept at a node is among those kept elsewhere.
+_GUARD = 8
 
 
 @dataclass(frozen=True)
@@ -74,12 +79,13 @@ def build_basis(
     Raises :class:`vibraverse.refusal.Refused` where the mesh is invalid or the solve fails.
     """
     operators = assemble(points, cells, order)
+    solved = min(modes + _GUARD, max(modes, operators.unknowns - RIGID - 2))
     found, residuals, factor = [], [], None
     for poisson in poisson_nodes:
         pairs = solve(
             operators,
             float(poisson),
-            modes,
+            solved,
             rng=rng,
             method=method,
             factorisation=factorisation,
@@ -88,7 +94,7 @@ def build_basis(
         )
         factor = pairs.factor
         found.append(pairs.vectors)
-        residuals.append(pairs.residuals)
+        residuals.append(pairs.residuals[:modes])
     space = _join(found, operators)
     gram, energy_poisson = _residual_gram(space, operators, poisson_nodes, factor, factorisation)
     faces, surface_nodes = boundary(cells)

@@ -1,6 +1,6 @@
 """The sound of an impact: every mode answers a unit impulse, the answers are added up.
 
-A mode with undamped angular frequency ``ω``, damping ``d`` and weight ``w`` answers an impulse at ``t = 0`` with
+A mode of undamped angular frequency ``ω``, damping ``d`` and weight ``w`` answers an impulse at ``t = 0`` with
 
     q(t) = w e^{-d t} sin(ω_d t) / ω_d        ω_d = sqrt(ω² - d²)        d < ω   (it rings)
     q(t) = w e^{-d t} sinh(γ t) / γ           γ = sqrt(d² - ω²)          d ≥ ω   (overdamped: it creeps back)
@@ -10,8 +10,8 @@ which neither overflows nor cancels and is exact at critical damping. With all w
 location-invariant impact sound; a strike at a surface point ``x`` along ``n`` has the weights ``u_i(x)·n``.
 Modes whose ``ω`` lies above half the sample rate would fold back as wrong tones and are left out.
 
-With mass-normalised modes ``q`` is in sqrt(kg)·m: the answer to 1 sqrt(kg)·m/s on every mode or, weighted, to an
-impulse of 1 N·s at the point.
+With mass-normalised modes ``q`` is in sqrt(kg)·m: the answer to 1 sqrt(kg)·m/s on every mode or, weighted, to
+an impulse of 1 N·s at the point.
 """
 
 from __future__ import annotations
@@ -33,8 +33,8 @@ class Sound:
     """An impact sound and what went into it.
 
     ``samples`` (n,) float64 in sqrt(kg)·m. ``modes_rendered + modes_above_nyquist`` is the number of modes
-    given; ``modes_overdamped`` of the rendered ones do not ring. ``decayed`` tells whether the sound ends by its own
-    decay or by the time limit.
+    given; ``modes_overdamped`` of the rendered ones do not ring. ``decayed`` tells whether the sound ends by
+    its own decay or by the time limit.
     """
 
     samples: np.ndarray
@@ -165,7 +165,7 @@ def _fade(samples: np.ndarray, sample_rate_hz: int) -> None:
 
 @dataclass(frozen=True)
 class Contact:
-    """Where a strike meets the surface: corner vertices (3,), their weights (3,), position (3,), outward normal (3,)."""
+    """Where a strike meets the surface: corner vertices, their weights, position and outward normal, (3,) each."""
 
     corners: np.ndarray
     barycentric: np.ndarray
@@ -179,10 +179,10 @@ class Contact:
 
 
 def strike_weights(mode_shapes, vertices, faces, point) -> np.ndarray:
-    """Return each mode's weight (m,) for a strike at the surface point nearest to ``point`` (3,), inwards or outwards
-    along the normal there: ``u_i(x)·n``.
+    """Return each mode's weight (m,) for a strike along the normal at the surface point nearest to ``point``.
 
-    ``mode_shapes`` (m, V, 3) live on ``vertices`` (V, 3) and are interpolated linearly in the nearest of ``faces`` (F, 3).
+    That is ``u_i(x)·n``; ``mode_shapes`` (m, V, 3) live on ``vertices`` (V, 3) and are interpolated linearly in
+    the nearest of ``faces`` (F, 3).
     """
     return contact(vertices, faces, point).weights(np.asarray(mode_shapes))
 
@@ -240,7 +240,7 @@ def _nearest_barycentric(triangles, normals, point) -> np.ndarray:
 
 
 def _angle_at(triangle, barycentric) -> float:
-    """Return the angle a triangle takes around one of its points: 2π inside, π on an edge, less at a corner."""
+    """Return the angle a triangle takes around one of its points: 2π inside, π on an edge, else its corner's."""
     touched = np.flatnonzero(barycentric > 1e-9)
     if len(touched) > 1:
         return math.pi * (len(touched) - 1)

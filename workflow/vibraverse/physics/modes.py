@@ -70,7 +70,7 @@ def reduced_solve(basis: ModalBasis, poisson: float, modes: int) -> tuple[np.nda
     Returns ω̂² (m,), coefficients (r, m) and the estimated relative error (m,) of each frequency. To first order a
     Ritz value exceeds the eigenvalue by ``‖r‖²`` in the norm of ``(K - ω²M)⁻¹`` off the basis. There every direction
     is stiffer than the modes kept, so the energy norm times ``1 / (1 - ω²/ω²_next)`` covers it; the gap is not
-    taken below 0.15 because the basis resolves the modes just above the last one too.
+    taken below 0.15 because the basis resolves several modes above the last one too.
     """
     lam, mu = lame(1.0, poisson)
     wanted = min(modes + 1, len(basis.a_mu))

@@ -11,14 +11,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import soundfile
+from matplotlib import colormaps
+from PIL import Image
 
 from vibraverse.config.media import split_sound
 from vibraverse.dataset.reader import Reader
-from vibraverse.media.spectrogram import spectrogram_image
+from vibraverse.media.spectrogram import FLOOR_DB, mel, mel_levels
 
 _RING = math.log(1000.0)
-#: Pixels of a spectrogram; drawn at about half of that.
-SPECTROGRAM_PX = (720, 240)
+#: Frequencies marked on a spectrogram.
+_MARKS_HZ = {1_000: "1 k", 4_000: "4 k", 16_000: "16 k"}
 
 
 @dataclass
@@ -89,13 +91,32 @@ def _cell(body, object_id: str, solidity: str, name: str, material: str, assets:
     samples, sample_rate_hz = sound[()], int(sound.attrs["sample_rate_hz"])
     stem = f"{object_id}/{solidity}-{name}"
     assets[f"{stem}.flac"] = flac(samples, sample_rate_hz)
-    assets[f"{stem}.png"] = spectrogram_image(samples, sample_rate_hz)
+    assets[f"{stem}.png"] = spectrogram(samples, sample_rate_hz)
     return {
         "audio": f"{stem}.flac",
         "spectrogram": f"{stem}.png",
+        "marks": marks(sample_rate_hz),
         "duration_s": len(samples) / sample_rate_hz,
         "f1_hz": float(body["materials"][material]["frequencies_hz"][0]),
         "mass_kg": float(body["materials"][material].attrs["mass_kg"]),
+    }
+
+
+def spectrogram(samples, sample_rate_hz: int) -> bytes:
+    """Return a PNG file: levels over time and mel frequency, without axes, for the player to draw its cursor on."""
+    levels = mel_levels(samples, sample_rate_hz)[::-1]
+    picture = Image.fromarray(np.round(255 * (1 - levels / FLOOR_DB)).astype(np.uint8), mode="P")
+    picture.putpalette((colormaps["magma"](np.arange(256), bytes=True)[:, :3]).tobytes())
+    file = io.BytesIO()
+    picture.save(file, format="PNG", optimize=True)
+    return file.getvalue()
+
+
+def marks(sample_rate_hz: int) -> dict[str, float]:
+    """Return where to mark frequencies on a spectrogram: label and height in percent."""
+    top_hz = sample_rate_hz / 2
+    return {
+        text: round(100 * float(mel(hz) / mel(top_hz)), 2) for hz, text in _MARKS_HZ.items() if hz < 0.95 * top_hz
     }
 
 

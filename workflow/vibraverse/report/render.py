@@ -13,7 +13,7 @@ from vibraverse import __version__
 from vibraverse.dataset.reader import Reader
 from vibraverse.refusal import REASONS
 from vibraverse.report import quantities
-from vibraverse.report.content import SPECTROGRAM_PX, Card, card
+from vibraverse.report.content import Card, card
 from vibraverse.stages import VERSIONS
 
 #: The look shown first, where there is one.
@@ -67,7 +67,6 @@ def html(title: str, record: dict, refusals: list[dict], cards: list[Card], asse
         cards=[_with_cover(one) for one in cards],
         more=record["counts"]["objects"] - len(cards),
         refusals=_by_reason(refusals),
-        spectrogram_px=SPECTROGRAM_PX,
     )
 
 

@@ -1,7 +1,7 @@
 """The meshes that ship inside the pyvista package: real, imperfect models that need no network.
 
-The package distributes them under its own licence and names no other. They come without a scale, so a size that
-suits the thing is stated here.
+The package distributes them under its own licence and names no other. They come without a scale, so a size
+that suits the thing is stated here.
 """
 
 from __future__ import annotations

@@ -38,34 +38,34 @@ class Family:
 #: Family name -> family. Generated objects take turns in this order.
 FAMILIES = {
     "bowl": Family("an open bowl on a foot ring", "vessel", "revolved:Bowl"),
-    "singing-bowl": Family("a thick bowl whose rim turns inwards", "instrument", "revolved:SingingBowl"),
     "bell": Family("a bell with a sound bow and a crown", "instrument", "revolved:Bell"),
-    "vase": Family("a vase with belly, neck and lip", "vessel", "revolved:Vase"),
-    "bottle": Family("a bottle with shoulders, neck and collar", "vessel", "revolved:Bottle"),
-    "goblet": Family("a drinking glass with stem and foot", "vessel", "revolved:Goblet"),
-    "plate": Family("a dinner plate with a raised rim", "tableware", "revolved:Plate"),
-    "gong": Family("a gong with a boss and a rim turned back", "instrument", "revolved:Gong"),
-    "cymbal": Family("a cymbal with cup, bow and hole", "instrument", "revolved:Cymbal"),
-    "ring": Family("a bangle with a rounded section", "jewellery", "revolved:Ring"),
-    "pipe": Family("a length of pipe", "hardware", "revolved:Pipe"),
-    "pawn": Family("a chess pawn", "toy", "revolved:Pawn"),
     "bar": Family("a marimba bar with an undercut", "instrument", "extruded:Bar"),
     "tuning-fork": Family("a tuning fork", "instrument", "extruded:TuningFork"),
+    "cup": Family("a cup with a handle", "vessel", "joined:Cup"),
+    "vase": Family("a vase with belly, neck and lip", "vessel", "revolved:Vase"),
     "gear": Family("a gear wheel", "hardware", "extruded:Gear"),
-    "wrench": Family("a wrench", "tool", "extruded:Wrench"),
+    "plate": Family("a dinner plate with a raised rim", "tableware", "revolved:Plate"),
+    "blob": Family("a smooth union of balls", "ornament", "joined:Blob"),
+    "ring": Family("a bangle with a rounded section", "jewellery", "revolved:Ring"),
+    "pipe": Family("a length of pipe", "hardware", "revolved:Pipe"),
+    "bottle": Family("a bottle with shoulders, neck and collar", "vessel", "revolved:Bottle"),
+    "box": Family("a box with a lid", "container", "joined:Box"),
+    "singing-bowl": Family("a thick bowl whose rim turns inwards", "instrument", "revolved:SingingBowl"),
+    "gong": Family("a gong with a boss and a rim turned back", "instrument", "revolved:Gong"),
+    "goblet": Family("a drinking glass with stem and foot", "vessel", "revolved:Goblet"),
     "chime": Family("a chime plate", "instrument", "extruded:Chime"),
+    "wrench": Family("a wrench", "tool", "extruded:Wrench"),
+    "spoon": Family("a spoon", "tableware", "joined:Spoon"),
+    "triangle": Family("a triangle to strike", "instrument", "joined:Triangle"),
+    "cymbal": Family("a cymbal with cup, bow and hole", "instrument", "revolved:Cymbal"),
+    "teapot": Family("a teapot", "vessel", "joined:Teapot"),
+    "pan": Family("a frying pan", "vessel", "joined:Pan"),
+    "hammer": Family("a hammer", "tool", "joined:Hammer"),
     "horseshoe": Family("a horseshoe", "hardware", "extruded:Horseshoe"),
     "star": Family("a star to hang up", "ornament", "extruded:Star"),
     "key": Family("an old key", "hardware", "extruded:Key"),
-    "cup": Family("a cup with a handle", "vessel", "joined:Cup"),
-    "box": Family("a box with a lid", "container", "joined:Box"),
-    "spoon": Family("a spoon", "tableware", "joined:Spoon"),
-    "blob": Family("a smooth union of balls", "ornament", "joined:Blob"),
-    "pan": Family("a frying pan", "vessel", "joined:Pan"),
-    "hammer": Family("a hammer", "tool", "joined:Hammer"),
+    "pawn": Family("a chess pawn", "toy", "revolved:Pawn"),
     "stool": Family("a stool", "furniture", "joined:Stool"),
-    "teapot": Family("a teapot", "vessel", "joined:Teapot"),
-    "triangle": Family("a triangle to strike", "instrument", "joined:Triangle"),
     "knot": Family("a trefoil knot", "ornament", "joined:Knot"),
 }
 
@@ -83,15 +83,9 @@ class Generated:
     category: str
 
 
-def generate(object_: str) -> Generated:
-    """Return the object of an id such as ``bowl-0007``: the same arrays, bit for bit, every time.
-
-    ``vertices`` (V, 3) float64 in metres, ``faces`` (F, 3) int64, closed, manifold, one connected surface with its
-    outside counter-clockwise. Raises :class:`Refused` (``unavailable``) for an id of no family.
-    """
-    import numpy as np
-
-    from vibraverse.sources.shape import arrays, draw
+def drawn(object_: str) -> Shape:
+    """Return the parameters of a generated object, without building it; raises like :func:`generate`."""
+    from vibraverse.sources.shape import draw
 
     name, _, number = object_.rpartition("-")
     if name not in FAMILIES or not number.isdigit():
@@ -100,9 +94,21 @@ def generate(object_: str) -> Generated:
             f"No shape family makes the object {object_}.",
             "Ids are a family's name and a number; `vibraverse objects --families` lists the families.",
         )
+    return draw(FAMILIES[name].load(), object_)
+
+
+def generate(object_: str) -> Generated:
+    """Return the object of an id such as ``bowl-0007``: the same arrays, bit for bit, every time.
+
+    ``vertices`` (V, 3) float64 in metres, ``faces`` (F, 3) int64, closed, manifold, one connected surface with
+    its outside counter-clockwise. Raises :class:`Refused` (``unavailable``) for an id of no family.
+    """
+    import numpy as np
+
+    shape = drawn(object_)
+    name = object_.rpartition("-")[0]
     family = FAMILIES[name]
-    shape = draw(family.load(), object_)
-    vertices, faces = arrays(shape.build())
+    vertices, faces = shape.build()
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     vertices = (vertices - (low + high) / 2) * (shape.size_m / (high - low).max())
     return Generated(

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.sources.planar import soften, subtract, unite
-from vibraverse.sources.profiles import Surface, arc, circle, extrude, polygon, rounded, smooth_curve, turned
+from vibraverse.sources.profiles import Surface, arc, circle, extrude, polygon, rounded, turned, wall
 from vibraverse.sources.shape import Shape, between, one_of
 
 
@@ -21,7 +21,7 @@ class Bar(Shape):
     size_range_m = (0.12, 0.5)
     width: float = between(0.12, 0.22)
     thickness: float = between(0.085, 0.12)
-    undercut: float = between(0.25, 0.5)
+    undercut: float = between(0.2, 0.4)
     span: float = between(0.45, 0.62)
 
     def build(self) -> Surface:
@@ -96,7 +96,7 @@ class Wrench(Shape):
     size_range_m = (0.1, 0.3)
     shaft: float = between(0.085, 0.11)
     head: float = between(0.13, 0.15)
-    ring: float = between(0.1, 0.12)
+    ring: float = between(0.11, 0.13)
     tilt_deg: float = between(0.0, 18.0)
     thickness: float = between(0.06, 0.09)
 
@@ -105,10 +105,10 @@ class Wrench(Shape):
         h, r = self.head, self.ring
         head, eye = circle((-0.5 + h, 0.0), h), circle((0.5 - r, 0.0), r)
         shaft = rounded(-0.5 + h, 0.5 - r, -self.shaft / 2, self.shaft / 2, 0.01)
-        slot = turned(rounded(-3 * h, 0.25 * h, -0.46 * h, 0.46 * h, 0.2 * h), self.tilt_deg)
-        hexagon = polygon(6, r - 0.052) + [0.5 - r, 0.0]
+        slot = turned(rounded(-3 * h, 0.25 * h, -0.4 * h, 0.4 * h, 0.2 * h), self.tilt_deg)
+        hexagon = polygon(6, r - 0.065) + np.array([0.5 - r, 0.0])
         body = soften(unite(head, eye, shaft), 0.06, 0.005)
-        return extrude(subtract(body[0], slot + [-0.5 + h, 0.0], hexagon), self.thickness, 0.018)
+        return extrude(subtract(body[0], slot + np.array([-0.5 + h, 0.0]), hexagon), self.thickness, 0.018)
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Chime(Shape):
     thickness: float = between(0.055, 0.075)
 
     def build(self) -> Surface:
-        """Extrude a rounded rectangle with holes at the nodes of a free bar, 0.224 of its length from the ends."""
+        """Extrude a rounded rectangle with holes at a free bar's nodes, 0.224 of its length from the ends."""
         w = self.width
         sheet = rounded(-0.5, 0.5, -w / 2, w / 2, self.corner * w)
         holes = [circle((side * (0.5 - 0.224), 0.0), self.hole, 24) for side in (-1, 1)]
@@ -141,19 +141,17 @@ class Horseshoe(Shape):
 
     def build(self) -> Surface:
         """Extrude a band along an open ellipse."""
-        from vibraverse.sources.profiles import wall
-
         half = self.opening_deg / 2
         line = arc((0.0, 0.0), (0.4, 0.46), -90 + half, 270 - half, 120)
         share = np.abs(np.linspace(-1, 1, len(line)))
         band = wall(line, self.width * (1.0 - (1.0 - self.taper) * share))
-        nails = [line[k] for k in (18, 32, 46, 73, 87, 101)]
-        return extrude(subtract(band, *(circle(nail, 0.02, 12) for nail in nails)), self.thickness, 0.024)
+        nails = [line[k] for k in (22, 42, 77, 97)]
+        return extrude(subtract(band, *(circle(nail, 0.028, 16) for nail in nails)), self.thickness, 0.024)
 
 
 @dataclass(frozen=True)
 class Star(Shape):
-    """A star to hang up, with rounded points and a hole in one."""
+    """A star to hang up, with rounded points and a hole below one."""
 
     size_range_m = (0.06, 0.25)
     points: int = between(5, 8)
@@ -167,7 +165,7 @@ class Star(Shape):
         angles = np.pi / 2 + 2 * np.pi * np.arange(n) / n
         star = np.stack([np.cos(angles), np.sin(angles)], axis=1) * radii[:, None]
         return extrude(
-            subtract(soften([star], 0.05, 0.08)[0], circle((0.0, 0.74), 0.06, 16)), self.thickness, 0.05
+            subtract(soften([star], 0.05, 0.08)[0], circle((0.0, 0.5), 0.07, 20)), self.thickness, 0.05
         )
 
 
@@ -188,11 +186,11 @@ class Key(Shape):
         bow = arc((-0.5 + b, 0.0), (b, 1.15 * b), 0, 360, 49)[:-1]
         shank = rounded(-0.5 + b, 0.5, -s, s, 0.6 * s)
         collar = rounded(-0.5 + 2 * b - 0.01, -0.5 + 2 * b + 0.05, -1.7 * s, 1.7 * s, 0.015)
-        bit = rounded(0.22, 0.44, -s - self.bit, 0.0, 0.008)
+        bit = rounded(0.18, 0.45, -s - self.bit, 0.0, 0.008)
         eye = arc((-0.5 + b, 0.0), (b - 0.065, 1.15 * b - 0.065), 0, 360, 37)[:-1]
-        width = 0.22 / (2 * self.wards + 1)
+        width = 0.27 / (2 * self.wards + 1)
         wards = [
             rounded(x, x + width, -2 * s - self.bit, -s - 0.45 * self.bit, 0.006)
-            for x in (0.22 + width * (2 * k + 1) for k in range(self.wards))
+            for x in (0.18 + width * (2 * k + 1) for k in range(self.wards))
         ]
         return extrude(subtract(unite(bow, shank, collar, bit)[0], eye, *wards), self.thickness, 0.018)

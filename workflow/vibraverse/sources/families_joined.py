@@ -1,7 +1,7 @@
 """Shape families that join solids: cups with handles, lidded boxes, spoons, blobs, stools.
 
-Parts are closed surfaces of our own or boxes and cylinders of ``manifold3d``, whose union of overlapping solids is
-again one closed manifold; a vessel is its outside joined with its handles, minus its inside.
+Parts are revolved, extruded or swept; the union of overlapping solids is again one closed manifold. A handle is
+trimmed in the middle of the wall it meets, so that surfaces never coincide.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from vibraverse.seeds import rng
 from vibraverse.sources.planar import half_plane, soften
-from vibraverse.sources.profiles import arc, extrude, polygon, revolve, rounded, smooth_curve, tube, wall
+from vibraverse.sources.profiles import Surface, arc, extrude, revolve, rounded, smooth_curve, tube, wall
 from vibraverse.sources.shape import Shape, between, one_of
 from vibraverse.sources.solids import evened, place, solid, union
 
@@ -29,32 +29,24 @@ class Cup(Shape):
     handle_radius: float = between(0.1, 0.13)
     thickness: float = between(0.15, 0.18)
 
-    def build(self):
-        """Join a beaker and a bent tube, minus the inside."""
-        h, w, t = self.height, self.waist, self.thickness
+    def build(self) -> Surface:
+        """Join a beaker and a bent tube, whose ends are trimmed in the middle of the beaker's wall."""
+        h, w = self.height, self.waist
         corner = arc((w - 0.25, 0.25), 0.25, -90, -5, 10)
-        line = np.concatenate([[(0.0, 0.0), (0.3, 0.0)], corner, [(0.5 * (w + 1), 0.55 * h), (1.0, h)]])
-        side = np.concatenate(
-            [corner, smooth_curve([corner[-1], (0.5 * (w + 1.0), 0.55 * h), (1.0, h)], 30)[1:]]
-        )
-        line = np.concatenate([[(0.0, 0.0), (0.3, 0.0)], side])
-        body = wall(line, t)
-        x = np.interp([0.24 * h, 0.8 * h], side[:, 1], side[:, 0])
+        side = smooth_curve([corner[-1], (0.5 * (w + 1.0), 0.55 * h), (1.0, h)], 30)[1:]
+        line = np.concatenate([[(0.0, 0.0), (0.3, 0.0)], corner, side])
+        core = np.concatenate([line, [(1.0, 1.2 * h), (0.0, 1.2 * h)]])
+        low, high = np.interp([0.24 * h, 0.8 * h], side[:, 1], side[:, 0]) - 0.02
         reach = 1.0 + self.handle
-        path = [(x[0] - 0.02, 0.22 * h), (0.75 * reach, 0.22 * h), (reach, 0.5 * h), (0.8 * reach, 0.8 * h)]
-        path = smooth_curve([*path, (x[1] - 0.02, 0.82 * h)], 80)
-        handle = tube(
-            np.column_stack([path[:, 0], np.zeros(len(path)), path[:, 1]]), self.handle_radius, 0.05
-        )
-        inside = np.concatenate(
-            [[(0.0, t / 2)], _offset_inside(line, t), [(1.0 - t / 2, 2 * h), (0.0, 2 * h)]]
-        )
-        return evened(union(solid(revolve(body, 0.055)), solid(handle)) - solid(revolve(inside, 0.055)), 0.07)
+        path = [(low, 0.22 * h), (0.75 * reach, 0.22 * h), (reach, 0.5 * h), (0.8 * reach, 0.8 * h)]
+        handle = tube(_upright(smooth_curve([*path, (high, 0.82 * h)], 80)), self.handle_radius, 0.05)
+        cup = revolve(wall(line, self.thickness), 0.06)
+        return evened(union(solid(cup), solid(handle) - solid(revolve(core, 0.06))), 0.1)
 
 
 @dataclass(frozen=True)
 class Box(Shape):
-    """A box with a lid: hollow, the lid overhanging and joined along its rim, with a knob."""
+    """A hollow box whose overhanging lid is joined to it, with a knob and a slot."""
 
     size_range_m = (0.08, 0.3)
     depth: float = between(0.6, 1.0)
@@ -63,18 +55,16 @@ class Box(Shape):
     overhang: float = between(0.03, 0.05)
     knob: float = between(0.07, 0.1)
 
-    def build(self):
-        """Join a body, a lid and a knob; a slot in the front lets the inside be one surface with the outside."""
-        x, y, z, t = 1.0, self.depth, self.height, self.thickness
-        body = solid(extrude([_box_outline(x, y, 0.06)], z, 0.05))
-        inside = solid(extrude([_box_outline(x - 2 * t, y - 2 * t, 0.04)], z - 2 * t, 0.05))
-        lid = solid(
-            extrude([_box_outline(x + 2 * self.overhang, y + 2 * self.overhang, 0.08)], 1.3 * t, 0.05)
-        )
+    def build(self) -> Surface:
+        """Join body, lid and knob, minus the inside, which a slot in the front opens: one surface, no cavity."""
+        x, y, z, t, over = 1.0, self.depth, self.height, self.thickness, 2 * self.overhang
+        body = solid(extrude([_box_outline(x, y, 0.1)], z, 0.03))
+        inside = solid(extrude([_box_outline(x - 2 * t, y - 2 * t, 0.06)], z - 2 * t, 0.03))
+        lid = solid(extrude([_box_outline(x + over, y + over, 0.1 + over / 2)], 1.3 * t, 0.03))
         knob = solid(revolve(half_plane(arc((0.0, 0.0), self.knob, -90, 90, 24)), 0.03))
-        slot = solid(extrude([rounded(-0.2, 0.2, -0.05, 0.05, 0.045)], 4 * t, 0.03))
+        slot = solid(extrude([rounded(-0.2, 0.2, -0.06, 0.06, 0.055)], 4 * t, 0.02))
         joined = union(body, place(lid, z=z / 2), place(knob, z=z / 2 + 0.65 * t + 0.8 * self.knob))
-        return evened(joined - inside - place(slot, turn_x=90, y=-y / 2), 0.045)
+        return evened(joined - inside - place(slot, turn_x=90, y=-y / 2), 0.07)
 
 
 @dataclass(frozen=True)
@@ -83,12 +73,12 @@ class Spoon(Shape):
 
     size_range_m = (0.12, 0.3)
     bowl: float = between(0.13, 0.17)
-    slender: float = between(0.62, 0.8)
+    slender: float = between(0.75, 0.9)
     depth: float = between(0.3, 0.5)
     handle: float = between(0.07, 0.1)
-    thickness: float = between(0.055, 0.065)
+    thickness: float = between(0.06, 0.07)
 
-    def build(self):
+    def build(self) -> Surface:
         """Join a bowl, stretched to an ellipse, and a handle that widens to its end."""
         b, t = self.bowl, self.thickness
         line = smooth_curve([(0.0, -self.depth * b), (0.6, -0.75 * self.depth * b), (1.0, 0.0)], 40)
@@ -116,7 +106,7 @@ class Blob(Shape):
     blend: float = between(0.1, 0.25)
     arrangement: int = between(0, 999_999)
 
-    def build(self):
+    def build(self) -> Surface:
         """Take the level set of the smooth minimum of distances: ``-k log sum exp(-d_i / k) = 0``."""
         from manifold3d import Manifold
 
@@ -140,7 +130,7 @@ class Blob(Shape):
         centres, radii = np.array(balls)[:, :3], np.array(balls)[:, 3:]
         low, high = (centres - radii).min(axis=0) - 3 * k, (centres + radii).max(axis=0) + 3 * k
         step = float((high - low).max()) / 34
-        return Manifold.level_set(inside, [*low, *high], step)
+        return evened(Manifold.level_set(inside, [*low, *high], step), 1.2 * step)
 
 
 @dataclass(frozen=True)
@@ -153,7 +143,7 @@ class Pan(Shape):
     handle_width: float = between(0.24, 0.3)
     thickness: float = between(0.185, 0.205)
 
-    def build(self):
+    def build(self) -> Surface:
         """Join a shallow pan and a flat handle with an eye."""
         t, d = self.thickness, self.depth
         bend = arc((0.7, 0.18), 0.18, -90, -20, 10)
@@ -161,8 +151,7 @@ class Pan(Shape):
         w = self.handle_width / 2
         grip = rounded(0.0, self.handle + 0.12, -w, w, 0.9 * w)
         grip = soften([grip], 0.0, 0.05)[0]
-        eye = arc((self.handle - 0.02, 0.0), 0.06, 360, 0, 17)[:-1]
-        handle = place(solid(extrude([grip, eye], 0.2, 0.06)), turn_y=-12, x=0.9, z=0.75 * d)
+        handle = place(solid(extrude([grip], 0.2, 0.06)), turn_y=-12, x=0.9, z=0.75 * d)
         return evened(union(pan, handle - place(solid(revolve(_plug(0.9, d), 0.2)), z=t / 2)), 0.085)
 
 
@@ -179,7 +168,7 @@ class Hammer(Shape):
     face: float = between(0.07, 0.09)
     handle: float = between(0.04, 0.05)
 
-    def build(self):
+    def build(self) -> Surface:
         """Join head, neck and handle."""
         f, half = self.face, self.head / 2
         profile = [
@@ -191,7 +180,7 @@ class Hammer(Shape):
         ]
         profile += [(0.72 * f, 0.05), (0.8 * f, 0.08), (0.0, 0.08)]
         face = place(solid(revolve(np.array(profile), 0.022)), turn_y=90, z=1.0)
-        wedge = np.array([(0.04, -0.75 * f), (half, -0.03), (half, 0.03), (0.04, 0.75 * f)])
+        wedge = np.array([(0.04, -0.75 * f), (half, -0.04), (half, 0.04), (0.04, 0.75 * f)])
         wedge = place(solid(extrude([wedge], 1.5 * f, 0.022)), turn_x=90, z=1.0)
         path = [(0.0, 0.0, z) for z in np.linspace(0.05, 1.03, 30)]
         swell = self.handle * (1.0 - 0.2 * np.sin(np.linspace(0.0, np.pi, 30)))
@@ -209,7 +198,7 @@ class Stool(Shape):
     leg: float = between(0.09, 0.11)
     seat: float = between(0.16, 0.22)
 
-    def build(self):
+    def build(self) -> Surface:
         """Join seat, legs and ring."""
         h, s = self.height, self.seat
         seat = place(solid(revolve(half_plane(rounded(-0.2, 1.0, 0.0, s, 0.07)), 0.07)), z=h - s)
@@ -223,7 +212,7 @@ class Stool(Shape):
         angles = np.linspace(0, 2 * np.pi, 97)[:-1]
         ring = np.stack([at * np.cos(angles), at * np.sin(angles), np.full(96, 0.38 * h)], axis=1)
         parts.append(solid(tube(ring, 0.9 * self.leg, 0.06, closed=True)))
-        return evened(union(*parts), 0.075)
+        return evened(union(*parts), 0.11)
 
 
 @dataclass(frozen=True)
@@ -236,7 +225,7 @@ class Teapot(Shape):
     handle: float = between(0.65, 0.8)
     thickness: float = between(0.2, 0.22)
 
-    def build(self):
+    def build(self) -> Surface:
         """Join pot, spout, handle and knob, minus the inside, which opens through the spout."""
         h, t = self.height, self.thickness
         outline = smooth_curve([(0.62, 0.0), (0.98, 0.4 * h), (0.8, 0.78 * h), (0.45, h)], 60)
@@ -245,16 +234,17 @@ class Teapot(Shape):
         rim = rounded(-0.3, 0.56, h - 0.16, h + 0.03, 0.07)
         body = solid(revolve(half_plane(pot, knob, rim), 0.06))
         way = smooth_curve(
-            [(0.7, 0.3 * h), (1.2, 0.45 * h), (1.4, 0.75 * h), (0.95 + self.spout, 1.0 * h)], 60
+            [(0.6, 0.36 * h), (1.2, 0.45 * h), (1.4, 0.75 * h), (0.95 + self.spout, 1.0 * h)], 60
         )
-        way = np.column_stack([way[:, 0], np.zeros(60), way[:, 1]])
-        spout = solid(tube(way, np.linspace(0.3, 0.2, 60), 0.06))
+        way = _upright(way)
+        spout = solid(tube(way, np.linspace(0.32, 0.24, 60), 0.06))
+        channel = np.concatenate([way, way[-1:] + (way[-1] - way[-4]) * [[2.0], [5.0]]])
         reach = 0.95 + self.handle
         bow = smooth_curve([(-0.75, 0.2 * h), (-reach, 0.3 * h), (-reach, 0.8 * h), (-0.68, 0.82 * h)], 60)
-        handle = solid(tube(np.column_stack([bow[:, 0], np.zeros(60), bow[:, 1]]), 0.115, 0.06))
+        handle = solid(tube(_upright(bow), 0.115, 0.06))
         inner = smooth_curve([(0.62 - t, t), (0.98 - t, 0.4 * h), (0.8 - t, 0.72 * h), (0.2, h - t)], 40)
         inside = solid(revolve(np.concatenate([[(0.0, t)], inner, [(0.0, h - t)]]), 0.07))
-        return evened(union(body, spout, handle) - inside - solid(tube(way, 0.09, 0.05)), 0.08)
+        return evened(union(body, spout, handle) - inside - solid(tube(channel, 0.075, 0.05)), 0.1)
 
 
 @dataclass(frozen=True)
@@ -266,7 +256,7 @@ class Triangle(Shape):
     opening: float = between(0.1, 0.2)
     bend: float = between(0.08, 0.12)
 
-    def build(self):
+    def build(self) -> Surface:
         """Sweep a circle along a triangle with round corners, open at one."""
         corners = np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, 0.866)])
         path = [corners[0] + (corners[1] - corners[0]) * self.opening]
@@ -277,7 +267,7 @@ class Triangle(Shape):
             path.extend((1 - s) ** 2 * a + 2 * s * (1 - s) * at + s**2 * b)
         path.append(corners[0])
         path = np.array(path)
-        return tube(np.column_stack([path[:, 0], np.zeros(len(path)), path[:, 1]]), self.rod, 0.018)
+        return tube(_upright(path), self.rod, 0.018)
 
 
 @dataclass(frozen=True)
@@ -288,7 +278,7 @@ class Knot(Shape):
     radius: float = between(0.28, 0.38)
     lift: float = between(0.85, 1.1)
 
-    def build(self):
+    def build(self) -> Surface:
         """Sweep a circle along the closed curve (sin t + 2 sin 2t, cos t - 2 cos 2t, -sin 3t)."""
         t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
         curve = np.stack(
@@ -297,12 +287,9 @@ class Knot(Shape):
         return tube(curve.T, self.radius, 0.16, closed=True)
 
 
-def _offset_inside(line: np.ndarray, thickness: float) -> np.ndarray:
-    """Return the inner side of a wall, from the axis outwards, without its point on the axis."""
-    along = np.gradient(line, axis=0)
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
-    inner = line + thickness / 2 * np.stack([-along[:, 1], along[:, 0]], axis=1)
-    return inner[1:]
+def _upright(curve: np.ndarray) -> np.ndarray:
+    """Return a plane curve (N, 2) as one in space with y = 0."""
+    return np.column_stack([curve[:, 0], np.zeros(len(curve)), curve[:, 1]])
 
 
 def _box_outline(width: float, depth: float, radius: float) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Shape families that are surfaces of revolution: vessels, bells, gongs, rings.
 
-The largest radius is about 1; the result is scaled to ``size_m`` later. Most are a wall, a smooth midline with a
-thickness that is never less than a twentieth of the longest side, joined in the half plane with a foot or a knob.
+The largest radius is about 1; the result is scaled to ``size_m`` later. Most are a wall: a smooth midline with
+a thickness of about a twentieth of the longest side or more, joined in the half plane with a foot or a knob.
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ class Bowl(Shape):
     thickness: float = between(0.115, 0.15)
 
     def build(self) -> Surface:
+        """Revolve a wall with a foot ring."""
         belly = 0.72 + 0.13 * self.fullness
         line = [(0.0, 0.0), (0.45, 0.03), (belly, 0.34 * self.depth), (0.94, 0.7 * self.depth)]
         body = wall(smooth_curve([*line, (1.0, self.depth)]), self.thickness)
@@ -44,6 +45,7 @@ class SingingBowl(Shape):
     thickness: float = between(0.13, 0.18)
 
     def build(self) -> Surface:
+        """Revolve a wall that thickens to its rim."""
         d = self.depth
         line = [(0.0, 0.0), (self.bottom, 0.02), (0.88, 0.26 * d), (1.0, 0.58 * d), (self.mouth, d)]
         return revolve(wall(smooth_curve(line), np.linspace(1.0, 1.25, 200) * self.thickness), 0.055)
@@ -60,6 +62,7 @@ class Bell(Shape):
     thickness: float = between(0.115, 0.14)
 
     def build(self) -> Surface:
+        """Revolve a wall, thickest near its lip, with a ball on top."""
         h, w = self.height, self.waist
         line = [
             (0.0, h),
@@ -91,6 +94,7 @@ class Vase(Shape):
     thickness: float = between(0.155, 0.19)
 
     def build(self) -> Surface:
+        """Revolve a wall."""
         h, at = self.height, self.belly_at
         line = [(0.0, 0.0), (self.foot - 0.1, 0.0), (self.foot + 0.07, 0.1), (0.92, at * h)]
         line += [(self.neck, 0.86 * h), (self.lip, h)]
@@ -108,6 +112,7 @@ class Bottle(Shape):
     thickness: float = between(0.185, 0.21)
 
     def build(self) -> Surface:
+        """Revolve a wall with a collar."""
         h, s, n = self.height, self.shoulder, self.neck
         corner = arc((0.72, 0.28), 0.28, -90, 0, 12)
         shoulder = smooth_curve(
@@ -131,13 +136,14 @@ class Goblet(Shape):
     thickness: float = between(0.145, 0.17)
 
     def build(self) -> Surface:
+        """Revolve a cup's wall on a solid stem and foot."""
         z, c, r = self.stem, self.cup, self.stem_radius
         line = [(0.0, z), (0.45, z + 0.06), (0.86, z + 0.33 * c), (0.93, z + 0.55 * c), (self.mouth, z + c)]
         cup = wall(smooth_curve(line), self.thickness)
         side = smooth_curve(
-            [(self.foot, 0.1), (0.5 * self.foot, 0.19), (r, 0.5 * z), (r, 0.7 * z), (0.34, z)], 60
+            [(self.foot, 0.15), (0.5 * self.foot, 0.24), (r, 0.5 * z), (r, 0.7 * z), (0.34, z)], 60
         )
-        foot = np.concatenate([[(0.0, 0.0), (self.foot - 0.04, 0.0), (self.foot, 0.03)], side, [(0.0, z)]])
+        foot = np.concatenate([[(0.0, 0.0), (self.foot - 0.04, 0.0), (self.foot, 0.04)], side, [(0.0, z)]])
         return revolve(half_plane(cup, foot), 0.06)
 
 
@@ -151,6 +157,7 @@ class Plate(Shape):
     thickness: float = between(0.11, 0.13)
 
     def build(self) -> Surface:
+        """Revolve a wall with a foot ring."""
         w, z = self.well, self.rise
         line = [(0.0, 0.0), (0.5 * w, 0.0), (w - 0.05, 0.015), (w + 0.07, 0.6 * z), (1.0, z)]
         ring = rounded(0.7 * w - 0.06, 0.7 * w + 0.06, -0.14, 0.0, 0.03)
@@ -165,9 +172,10 @@ class Gong(Shape):
     boss: float = between(0.2, 0.3)
     boss_height: float = between(0.14, 0.24)
     rim: float = between(0.2, 0.34)
-    thickness: float = between(0.105, 0.125)
+    thickness: float = between(0.113, 0.13)
 
     def build(self) -> Surface:
+        """Revolve a wall."""
         b, h = self.boss, self.boss_height
         dome = arc((0.0, 0.0), (b, h), 90, 20, 20)
         foot = smooth_curve([dome[-1], (b + 0.06, 0.03), (b + 0.16, 0.0)], 20)[1:]
@@ -185,9 +193,10 @@ class Cymbal(Shape):
     cup_height: float = between(0.1, 0.16)
     bow: float = between(0.1, 0.2)
     hole: float = between(0.06, 0.1)
-    thickness: float = between(0.1, 0.115)
+    thickness: float = between(0.107, 0.12)
 
     def build(self) -> Surface:
+        """Revolve a wall that leaves a hole."""
         top = self.bow + self.cup_height
         line = [(self.hole + 0.06, top), (0.6 * self.cup + 0.08, top - 0.25 * self.cup_height)]
         line += [(self.cup + 0.06, self.bow + 0.01), (0.65, 0.6 * self.bow), (1.0, 0.0)]
@@ -204,6 +213,7 @@ class Ring(Shape):
     roundness: float = between(0.25, 0.5)
 
     def build(self) -> Surface:
+        """Revolve a rounded rectangle."""
         t, w = self.thickness, self.width
         section = rounded(1.0 - t, 1.0, -w / 2, w / 2, self.roundness * min(t, w) * 0.98)
         return revolve(section, 0.04)
@@ -218,6 +228,7 @@ class Pipe(Shape):
     thickness: float = between(0.33, 0.45)
 
     def build(self) -> Surface:
+        """Revolve a long rounded rectangle."""
         section = rounded(1.0 - self.thickness, 1.0, -self.length / 2, self.length / 2, 0.06)
         return revolve(section, 0.13)
 
@@ -233,12 +244,13 @@ class Pawn(Shape):
     collar: float = between(0.5, 0.62)
 
     def build(self) -> Surface:
+        """Revolve base, trunk, collar and head."""
         h, r = self.height, self.head
         body = smooth_curve(
             [(0.98, 0.3), (0.72, 0.55), (self.neck + 0.08, 0.5 * h), (self.neck, h - 1.9 * r)], 60
         )
         base = rounded(-0.2, 1.0, 0.0, 0.34, 0.12)
         trunk = np.concatenate([[(0.0, 0.2), (0.98, 0.2)], body, [(self.neck, h - r), (0.0, h - r)]])
-        collar = rounded(-0.2, self.collar, h - 2.02 * r, h - 1.78 * r, 0.08)
+        collar = rounded(-0.2, self.collar, h - 2.1 * r, h - 1.76 * r, 0.09)
         head = arc((0.0, h - r), r, -90, 90, 40)
         return revolve(half_plane(base, trunk, collar, head), 0.065)

@@ -9,8 +9,8 @@ def fill(rings: list[np.ndarray], spacing: float) -> tuple[np.ndarray, np.ndarra
     """Return points (N, 2) and counter-clockwise triangles of the region inside the outlines.
 
     The first points are those of ``rings`` in order, each already sampled at about ``spacing``; the outer
-    outline is counter-clockwise, holes are clockwise. Points of a triangular lattice fill the inside and Delaunay's
-    triangulation joins all. Where it does not keep an outline, ear cutting takes its place.
+    outline is counter-clockwise, holes are clockwise. Points of a triangular lattice fill the inside and
+    Delaunay's triangulation joins all. Where it does not keep an outline, ear cutting takes its place.
     """
     from scipy.spatial import Delaunay
 
@@ -87,7 +87,7 @@ def unite(*outlines: np.ndarray) -> list[np.ndarray]:
 
 
 def half_plane(*outlines: np.ndarray) -> np.ndarray:
-    """Return the outline of the union of flat regions, cut off at x = 0: the section of a body of revolution."""
+    """Return the outline of a union of flat regions, cut off at x = 0: the section of a body of revolution."""
     joined = unite(*outlines)[0]
     low, high = joined.min(axis=0) - 1, joined.max(axis=0) + 1
     right = np.array([(0.0, low[1]), (high[0], low[1]), (high[0], high[1]), (0.0, high[1])])
@@ -95,7 +95,7 @@ def half_plane(*outlines: np.ndarray) -> np.ndarray:
 
 
 def subtract(outline: np.ndarray, *others: np.ndarray) -> list[np.ndarray]:
-    """Return the outlines of a flat region without others, the longest first: outer ones counter-clockwise."""
+    """Return the outlines of a flat region without others, the longest first; holes are clockwise."""
     return _combine((outline, *others), "Subtract")
 
 
@@ -109,7 +109,7 @@ def _combine(outlines, operation: str) -> list[np.ndarray]:
 
 
 def soften(outlines: list[np.ndarray], inward: float, outward: float) -> list[np.ndarray]:
-    """Round the inward corners of a flat region with radius ``inward`` and the outward ones with ``outward``."""
+    """Round the corners of a flat region, concave ones with radius ``inward``, convex ones ``outward``."""
     from manifold3d import CrossSection, JoinType
 
     region = CrossSection([np.ascontiguousarray(outline, dtype=np.float64) for outline in outlines])

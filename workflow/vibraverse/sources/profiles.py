@@ -10,9 +10,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from vibraverse.sources.planar import fill, unite
+
 Surface = tuple[np.ndarray, np.ndarray]
 
 _CORNER_RAD = np.radians(25.0)
+#: Corners nearer to each other than this share of the spacing become one.
+_CLOSEST = 0.25
 
 
 def smooth_curve(points, n: int = 200) -> np.ndarray:
@@ -65,8 +69,8 @@ def rounded(left: float, right: float, low: float, high: float, radius: float) -
 def wall(midline, thickness) -> np.ndarray:
     """Return the closed outline around an open ``midline`` (N, 2).
 
-    ``thickness`` is a number or one value per point. The ends are rounded; where the midline begins on the axis
-    (first coordinate 0) the outline is cut off there, so that revolving it closes it.
+    ``thickness`` is a number or one value per point. The ends are rounded; where the midline begins on the
+    axis (first coordinate 0) the outline is cut off there, so that revolving it closes it.
     """
     midline = np.asarray(midline, dtype=np.float64)
     half = np.broadcast_to(np.asarray(thickness, dtype=np.float64) / 2, len(midline))[:, None]
@@ -78,11 +82,11 @@ def wall(midline, thickness) -> np.ndarray:
     right, left = midline + half * across, midline - half * across
     angle = np.degrees(np.arctan2(across[-1, 1], across[-1, 0]))
     cap = arc(midline[-1], half[-1], angle, angle + 180.0, 16)[1:-1]
-    if midline[0, 0] == 0:
-        return np.concatenate([right, cap, left[::-1]])
-    angle = np.degrees(np.arctan2(-across[0, 1], -across[0, 0]))
-    start = arc(midline[0], half[0], angle, angle + 180.0, 16)[1:-1]
-    return np.concatenate([right, cap, left[::-1], start])
+    outline = [right, cap, left[::-1]]
+    if midline[0, 0] != 0:
+        angle = np.degrees(np.arctan2(-across[0, 1], -across[0, 0]))
+        outline.append(arc(midline[0], half[0], angle, angle + 180.0, 16)[1:-1])
+    return unite(np.concatenate(outline))[0]  # a tight bend leaves a loop inside, which the union swallows
 
 
 def resample(outline: np.ndarray, spacing: float) -> np.ndarray:
@@ -98,7 +102,9 @@ def resample(outline: np.ndarray, spacing: float) -> np.ndarray:
     ends = [*(corners - corners[0]), len(outline)]
     ring = np.concatenate([outline, outline[:1]])
     pieces = [_evenly(ring[a : b + 1], spacing, 3 if len(corners) == 1 else 1) for a, b in pairwise(ends)]
-    return np.concatenate(pieces)
+    points = np.concatenate(pieces)
+    gaps = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
+    return points[gaps > _CLOSEST * spacing]
 
 
 def _without_repeats(outline: np.ndarray) -> np.ndarray:
@@ -131,7 +137,7 @@ def revolve(outline: np.ndarray, spacing: float) -> Surface:
         last = np.flatnonzero(on_axis[1:])[0] + 1
         points = points[: last + 1]
     rings = [
-        1 if r <= 0 or flat else max(12, 2 * round(np.pi * r / spacing))
+        1 if flat else max(20 if r > spacing else 12, 2 * round(np.pi * r / spacing))
         for r, flat in zip(points[:, 0], on_axis[: len(points)], strict=True)
     ]
     starts = np.concatenate([[0], np.cumsum(rings)])
@@ -169,8 +175,6 @@ def extrude(outlines: list[np.ndarray], height: float, spacing: float) -> Surfac
 
     ``outlines`` is the counter-clockwise outer outline and any clockwise holes; all are resampled.
     """
-    from vibraverse.sources.planar import fill
-
     rings = [resample(outline, spacing) for outline in outlines]
     points, triangles = fill(rings, spacing)
     layers = max(1, round(height / spacing))
@@ -193,7 +197,7 @@ def extrude(outlines: list[np.ndarray], height: float, spacing: float) -> Surfac
 
 
 def tube(path, radius, spacing: float, closed: bool = False) -> Surface:
-    """Sweep a circle along a 3D ``path`` (N, 3) and round its open ends; ``radius`` is a number or one per point."""
+    """Sweep a circle along a 3D ``path`` (N, 3), with round ends; ``radius`` is a number or one per point."""
     path = np.asarray(path, dtype=np.float64)
     radius = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(path))
     line = np.column_stack([path, radius])
@@ -204,7 +208,7 @@ def tube(path, radius, spacing: float, closed: bool = False) -> Surface:
         line = np.concatenate([_evenly(line, spacing, 2), line[-1:]])
     centres, radii = line[:, :3], line[:, 3]
     frames = _frames(centres, closed)
-    n = max(12, 2 * round(np.pi * radii.max() / spacing))
+    n = max(20, 2 * round(np.pi * radii.max() / spacing))
     rings = [(centre, r, 0.0, k) for k, (centre, r) in enumerate(zip(centres, radii, strict=True))]
     if not closed:
         steps = max(2, round(np.pi / 2 * radii.max() / spacing))
@@ -227,16 +231,26 @@ def tube(path, radius, spacing: float, closed: bool = False) -> Surface:
 
 
 def _frames(centres: np.ndarray, closed: bool) -> np.ndarray:
-    """Return (N, 3, 3) frames along a path whose third axis is its direction, carried without twist."""
-    if closed:
-        along = np.roll(centres, -1, axis=0) - np.roll(centres, 1, axis=0)
-    else:
-        along = np.gradient(centres, axis=0)
+    """Return (N, 3, 3) frames along a path whose third axis is its direction, carried along without twist.
+
+    Round a closed path that leaves an angle between the last frame and the first; it is spread over all.
+    """
+    ring = np.concatenate([centres[-1:], centres, centres[:1]])
+    along = np.gradient(ring, axis=0)[1:-1] if closed else np.gradient(centres, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    frames = np.empty((len(along), 3, 3))
+    sides = np.empty_like(along)
     side = np.eye(3)[np.argmin(np.abs(along[0]))]
     for k, direction in enumerate(along):
-        side = side - (side @ direction) * direction
-        side /= np.linalg.norm(side)
-        frames[k] = side, np.cross(direction, side), direction
-    return frames
+        side = _perpendicular(side, direction)
+        sides[k] = side
+    if closed:
+        back = _perpendicular(side, along[0])
+        angle = np.arctan2(np.cross(back, sides[0]) @ along[0], back @ sides[0])
+        turn = (np.arange(len(along)) / len(along) * angle)[:, None]
+        sides = np.cos(turn) * sides + np.sin(turn) * np.cross(along, sides)
+    return np.stack([sides, np.cross(along, sides), along], axis=1)
+
+
+def _perpendicular(side: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    side = side - (side @ direction) * direction
+    return side / np.linalg.norm(side)

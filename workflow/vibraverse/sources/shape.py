@@ -32,7 +32,7 @@ class Shape:
     size_range_m: ClassVar[tuple[float, float]]
 
     def build(self):
-        """Return ``(vertices, faces)`` in the family's own units, or a ``manifold3d.Manifold``."""
+        """Return ``(vertices, faces)`` in the family's own units, closed and oriented outwards."""
         raise NotImplementedError
 
 
@@ -59,11 +59,3 @@ def draw(family: type[Shape], object_: str) -> Shape:
 def _short(value: float) -> float:
     """Round to four digits, so that the record states exactly what was built."""
     return float(f"{value:.4g}")
-
-
-def arrays(built) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (V, 3) and faces (F, 3) of what a family built."""
-    if isinstance(built, tuple):
-        return built
-    mesh = built.to_mesh64()
-    return np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64)

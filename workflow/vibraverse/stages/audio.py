@@ -28,7 +28,9 @@ def run(job: Job) -> None:
             if material is None:
                 raise UsageError(f"sounds: {unknown('material', name, modes['materials'])}")
             if point is not None and point >= len(contacts):
-                raise UsageError(f"sounds: {name!r} asks for point {point} of {len(contacts)} in audio.points")
+                raise UsageError(
+                    f"sounds: {name!r} asks for point {point} of {len(contacts)} in audio.points"
+                )
             group = modes["materials"][material]
             struck = None if point is None else contacts[point]
             sound = impact_sound(

@@ -53,9 +53,9 @@ def run(job: Job) -> None:
     """Solve for the basis of one body."""
     import h5py
 
-    from vibraverse.tetfiles import read_tets
     from vibraverse.physics.basis import build_basis
     from vibraverse.seeds import rng
+    from vibraverse.tetfiles import read_tets
 
     points, cells = read_tets(job.inputs["tets"])
     options = job.options

@@ -10,8 +10,8 @@ from vibraverse.stage import Job, Stage
 def run(job: Job) -> None:
     """Write one picture per output file; the file's stem says which look, seen from which view.
 
-    The renderer runs in this process: should a driver crash it, the job fails as a whole and is run again, because that
-    is the machine's fault and never the object's.
+    The renderer runs in this process: should a driver crash it, the job fails as a whole and is run again,
+    because that is the machine's fault and never the object's.
     """
     import meshio
     import numpy as np

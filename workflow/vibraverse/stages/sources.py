@@ -38,7 +38,11 @@ def _generated(job: Job) -> tuple[bytes, dict]:
 def _bundled(job: Job) -> tuple[bytes, dict]:
     from vibraverse.sources.bundled import BUNDLED, locate
 
-    about = BUNDLED[job.object]
+    about = BUNDLED.get(job.object)
+    if about is None:
+        raise Refused(
+            "unavailable", f"There is no bundled mesh {job.object}.", f"There are: {', '.join(BUNDLED)}."
+        )
     return locate(job.object).read_bytes(), {
         "format": "ply",
         "file": about.file,
@@ -101,5 +105,5 @@ STAGE = Stage(
     run=run,
     options=SourceEntry,
     optional=frozenset({"file"}),
-    libraries=("manifold3d", "numpy"),
+    libraries=("manifold3d", "mmgpy", "numpy"),
 )

@@ -1,0 +1,56 @@
+"""The dataset as PyTorch sees it, with workers."""
+
+from __future__ import annotations
+
+import make_products
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed (it belongs to the learning environment)")
+
+import vibraverse.dataset  # noqa: E402
+
+pytestmark = pytest.mark.learn
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    results = tmp_path_factory.mktemp("torch") / "results"
+    make_products.build(results)
+    return results / "dataset"
+
+
+def test_items_are_tensors(folder):
+    data = vibraverse.dataset.torch_dataset(folder, fields=["frequencies_hz", "views", "young_pa"], material="steel")
+    assert isinstance(data, torch.utils.data.Dataset)
+    assert len(data) == 3
+    item = data[0]
+    assert item["object"] == "ball-0000"
+    assert item["frequencies_hz"].shape == (64,)
+    assert item["frequencies_hz"].dtype == torch.float64
+    assert item["views"].shape == (3, 96, 96, 3)
+    assert item["views"].dtype == torch.uint8
+    assert float(item["young_pa"]) == 2.0e11
+
+
+@pytest.mark.parametrize("context", ["fork", "spawn"])
+def test_workers_read_the_same(folder, context):
+    data = vibraverse.dataset.torch_dataset(folder, fields=["frequencies_hz", "size_m"])
+    data[0]  # an open handle in the parent must not travel to the workers
+    loader = torch.utils.data.DataLoader(data, batch_size=4, num_workers=2, multiprocessing_context=context)
+    batches = list(loader)
+    assert [tuple(batch["frequencies_hz"].shape) for batch in batches] == [(4, 64)] * 3
+    with vibraverse.dataset.open(folder) as reader:
+        expected = np.stack([sample["frequencies_hz"] for sample in reader])
+    np.testing.assert_array_equal(torch.cat([batch["frequencies_hz"] for batch in batches]).numpy(), expected)
+    assert batches[0]["size_m"].tolist() == [make_products.SIZE_M] * 4
+
+
+def test_splits_and_transforms(folder):
+    counts = {
+        split: len(vibraverse.dataset.torch_dataset(folder, split=split)) for split in ("train", "validation", "test")
+    }
+    assert sum(counts.values()) == 12
+    doubled = vibraverse.dataset.torch_dataset(folder, transform=lambda item: 2 * item["frequencies_hz"])
+    plain = vibraverse.dataset.torch_dataset(folder)
+    assert torch.equal(doubled[3], 2 * plain[3]["frequencies_hz"])

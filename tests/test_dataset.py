@@ -1,0 +1,312 @@
+"""The dataset: what is packed is what the stages made, it follows the schema, and it reads back."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+
+import h5py
+import make_products
+import numpy as np
+import pytest
+import soundfile
+
+import vibraverse.dataset
+from vibraverse import products
+from vibraverse.config.dataset import Dataset
+from vibraverse.dataset import chain, making, schema, tables
+from vibraverse.dataset.splits import shard_of, split_of
+from vibraverse.paths import Paths
+from vibraverse.physics.materials import MATERIALS
+from vibraverse.refusal import Refusal
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("dataset") / "results"
+    make_products.build(folder)
+    return folder
+
+
+@pytest.fixture
+def reader(results):
+    with vibraverse.dataset.open(results / "dataset") as opened:
+        yield opened
+
+
+def test_shards_follow_the_schema(reader):
+    assert reader.problems() == []
+
+
+def test_the_validator_notices_what_is_wrong(results, tmp_path):
+    broken = tmp_path / "broken.h5"
+    broken.write_bytes((results / "dataset/shards/1.h5").read_bytes())
+    with h5py.File(broken, "r+") as h5:
+        group = h5["objects/bar-0000"]
+        del group["solid/materials/steel/frequencies_hz"].attrs["unit"]
+        group["extra"] = [1.0]
+        del group["grids/occupancy"]
+        group["grids/occupancy"] = np.zeros((4, 4), np.float64)
+        group["solid"].attrs["colour"] = "red"
+    with h5py.File(broken) as h5:
+        found = "\n".join(schema.problems(h5))
+    assert "bar-0000: solid/materials/steel/frequencies_hz has the unit None, not 'Hz'" in found
+    assert "bar-0000: the dataset has no field at 'extra'" in found
+    assert "grids/occupancy has shape (4, 4), not (n, n, n)" in found
+    assert "grids/occupancy is float64, not uint8" in found
+    assert "no field at 'solid@colour'" in found
+    with h5py.File(tmp_path / "other.h5", "w") as h5:
+        assert schema.problems(h5) == ["this is not a shard: its attribute 'format' is not 'vibraverse-shard'"]
+
+
+def test_every_numeric_dataset_has_a_unit_and_every_field_a_place(reader):
+    seen = set()
+
+    def visit(name, item):
+        if isinstance(item, h5py.Dataset):
+            field = schema.field_at(name)
+            seen.add(field.name)
+            assert field.is_text or item.attrs["unit"], name
+        seen.update(schema.field_at(f"{name}@{key}").name for key in item.attrs if key != "unit")
+
+    for object_id in make_products.OBJECTS:
+        group = reader.group(object_id)
+        visit("", group)
+        group.visititems(visit)
+    assert seen == set(schema.BY_NAME)
+
+
+def test_arrays_are_the_products_to_the_last_bit(reader, results):
+    folder = results / "objects/bar-0000"
+    with h5py.File(folder / "hollow/modes.h5") as modes:
+        for name in ("frequencies_hz", "damping_per_s", "damped_frequencies_hz", "mode_shapes"):
+            expected = modes[f"materials/steel/{name}"][()]
+            np.testing.assert_array_equal(reader.read(name, "bar-0000", "hollow", "steel"), expected)
+        vertices = modes["surface/vertices"][()]
+        np.testing.assert_array_equal(reader.read("vertices", "bar-0000", "hollow").astype("f4"), vertices)
+    with h5py.File(folder / "hollow/basis.h5") as basis:
+        np.testing.assert_array_equal(reader.read("reduced_mu", "bar-0000", "hollow"), basis["reduced/mu"][()])
+        np.testing.assert_array_equal(reader.read("surface_basis", "bar-0000", "hollow"), basis["surface/basis"][()])
+    with h5py.File(folder / "grids.h5") as grids:
+        np.testing.assert_array_equal(reader.read("signed_distance", "bar-0000"), grids["signed_distance"][()])
+    assert reader.read("boundary_faces", "bar-0000").shape == (2 * len(reader.read("surface_faces", "bar-0000")), 3)
+    assert reader.read("clean", "bar-0000") == products.read_json(folder / "clean.json")
+
+
+def test_sounds_keep_all_24_bits(reader, results):
+    samples = reader.read("sound", "bar-0000", "solid", "glass")
+    stored, sample_rate_hz = soundfile.read(
+        results / "objects/bar-0000/solid/sounds/glass.wav", dtype="int32", always_2d=False
+    )
+    assert samples.dtype == np.float32
+    np.testing.assert_array_equal(np.round(samples.astype(np.float64) * 2**31).astype(np.int64), stored)
+    assert reader.read("sample_rate_hz", "bar-0000", "solid", "glass") == sample_rate_hz == 44_100
+    assert reader.read("duration_s", "bar-0000", "solid", "glass") == len(stored) / 44_100
+    assert np.abs(samples).max() == pytest.approx(0.9, abs=1e-6)
+
+
+def test_pictures_keep_their_bytes_and_come_decoded(reader, results):
+    stored = reader.group("bar-0000")["views/wood"][1].tobytes()
+    assert stored == (results / "objects/bar-0000/views/wood-01.png").read_bytes()
+    clay, wood = reader.read("views", "bar-0000"), reader.read("views", "bar-0000", look="wood")
+    assert clay.shape == wood.shape == (3, 96, 96, 3)
+    assert clay.dtype == np.uint8
+    # Wood is browner than clay: its blue is weaker against its red.
+    assert wood[..., 2].mean() / wood[..., 0].mean() < clay[..., 2].mean() / clay[..., 0].mean()
+
+
+def test_volume_and_mass_follow_from_the_tetrahedra(reader):
+    size = make_products.SIZE_M
+    box = 1.0 * (0.4 / 1.8) * (0.3 / 1.8) * size**3
+    assert reader.read("volume_m3", "bar-0000", "solid") == pytest.approx(box, rel=1e-12)
+    mass = reader.read("mass_kg", "bar-0000", "solid", "steel")
+    assert mass == pytest.approx(7850 * box, rel=1e-12)
+
+
+def test_items_are_one_per_object_body_and_material(reader):
+    assert len(reader) == 4 + 8
+    assert reader.objects == ["ball-0000", "bar-0000"]
+    item = reader.items[0]
+    assert (item["object"], item["solidity"], item["material"]) == ("ball-0000", "solid", "ceramic")
+    expected = make_products.frequencies("ball-0000", "solid", MATERIALS["ceramic"])
+    assert item["f1_hz"] == expected[0]
+    sample = reader[0]
+    np.testing.assert_array_equal(sample["frequencies_hz"], expected)
+    assert sample["young_pa"] == 7.2e10
+    assert len(list(reader)) == len(reader)
+
+
+def test_narrowing(reader):
+    hollow = reader.where(solidity="hollow", material=["wood", "steel"])
+    assert [(item["object"], item["material"]) for item in hollow.items] == [("bar-0000", "wood"), ("bar-0000", "steel")]
+    assert len(reader.where(split="train")) + len(reader.where(split=["validation", "test"])) == len(reader)
+    with pytest.raises(KeyError, match="unknown column 'materials'; did you mean 'material'"):
+        reader.where(materials="steel")
+
+
+def test_chosen_fields(results):
+    path = results / "dataset/shards/1.h5"
+    with vibraverse.dataset.open(path, fields=["views", "occupancy"], look="material") as reader:
+        sample = reader.where(material="wood")[0]
+        assert set(sample) == {"object", "solidity", "material", "views", "occupancy"}
+        np.testing.assert_array_equal(sample["views"], reader.read("views", "bar-0000", look="wood"))
+
+
+def test_wrong_names_are_said_with_the_nearest_right_one(reader, results):
+    with pytest.raises(KeyError, match="unknown field 'frequency_hz'; did you mean 'frequencies_hz'"):
+        reader.read("frequency_hz", "bar-0000")
+    with pytest.raises(KeyError, match="unknown field"):
+        vibraverse.dataset.open(results / "dataset", fields=["nonsense"])
+    with pytest.raises(KeyError, match="unknown object 'bar-0001'; did you mean 'bar-0000'"):
+        reader.read("occupancy", "bar-0001")
+    with pytest.raises(KeyError, match="'ball-0000' holds no frequencies_hz at 'hollow/materials/steel"):
+        reader.read("frequencies_hz", "ball-0000", "hollow", "steel")
+    with pytest.raises(FileNotFoundError, match="holds no finished dataset"):
+        vibraverse.dataset.open(results)
+
+
+def test_refusals_stay_with_their_objects(reader):
+    leaf, ball = reader.group("leaf"), reader.group("ball-0000")
+    assert leaf.attrs["refusal_reason"] == "not_a_solid"
+    assert leaf.attrs["refusal_stage"] == "clean"
+    assert "surface" not in leaf
+    assert ball["hollow"].attrs["refusal_reason"] == "too_thin"
+    assert ball["hollow"].attrs["refusal_message"] == "The wall of ball-0000 would be too thin."
+    assert "materials" not in ball["hollow"]
+    assert "refusal_reason" not in ball.attrs
+    assert [(row["object"], row["solidity"]) for row in reader.refusals] == [("ball-0000", "hollow"), ("leaf", "")]
+
+
+def test_same_products_same_bytes_wherever_they_lie(results, tmp_path):
+    # Another folder, another time, another order of the objects' making: the same shard.
+    make_products.make(tmp_path / "elsewhere", objects=tuple(reversed(make_products.OBJECTS)))
+    again = make_products.pack(tmp_path / "elsewhere")
+    for shard in again:
+        assert products.sha256(shard) == products.sha256(results / "dataset/shards" / shard.name)
+
+
+def test_provenance_names_what_the_shard_came_from(reader, results):
+    checksums = reader.read("products", "bar-0000")
+    assert checksums["hollow/modes.h5"] == products.sha256(results / "objects/bar-0000/hollow/modes.h5")
+    assert set(checksums) >= {"source.json", "clean.json", "grids.h5", "views/images.json", "hollow/hollow.json"}
+    with h5py.File(results / "dataset/shards/1.h5") as h5:
+        text = h5.attrs["provenance"]
+    stated = json.loads(text)
+    assert stated["stage"] == "dataset"
+    assert stated["options"]["splits"] == {"train": 0.8, "validation": 0.1, "test": 0.1}
+    assert str(results) not in text
+
+
+def test_a_missing_product_is_one_sentence(results, tmp_path, vibraverse):
+    paths = make_products.make(tmp_path, objects=("bar-0000",))
+    missing = tmp_path / "objects/bar-0000/solid/modes.h5"
+    missing.unlink()
+    shard = tmp_path / "0.h5"
+    status, _, errors = vibraverse(
+        "dataset", "--shard", shard, "--options", make_products.options(paths.results, ["bar-0000"])
+    )
+    assert status == 2
+    assert "solid/modes.h5" in errors.splitlines()[-1]
+    assert "does not exist" in errors.splitlines()[-1]
+    assert "Traceback" not in errors
+    assert not shard.exists()
+
+
+def test_an_empty_shard_is_a_shard(tmp_path):
+    (shard,) = make_products.pack(tmp_path, groups=((),))
+    with vibraverse.dataset.open(shard) as reader:
+        assert len(reader) == 0
+        assert reader.problems() == []
+
+
+def test_handles_are_each_process_s_own(reader):
+    expected = reader.read("frequencies_hz", "bar-0000", "solid", "wood")
+    copy = pickle.loads(pickle.dumps(reader))
+    np.testing.assert_array_equal(copy.read("frequencies_hz", "bar-0000", "solid", "wood"), expected)
+    copy.close()
+    child = os.fork()
+    if child == 0:  # in a forked worker: a handle of its own, and the right numbers
+        inherited = dict(reader._handles)
+        same = np.array_equal(reader.read("frequencies_hz", "bar-0000", "solid", "wood"), expected)
+        os._exit(0 if same and not set(map(id, reader._handles.values())) & set(map(id, inherited.values())) else 1)
+    assert os.waitpid(child, 0)[1] == 0
+    reader.close()
+    np.testing.assert_array_equal(reader.read("frequencies_hz", "bar-0000", "solid", "wood"), expected)
+
+
+def test_reading_needs_neither_torch_nor_the_stages(results):
+    code = (
+        "import sys, vibraverse.dataset as d; r = d.open(sys.argv[1]); r[0];"
+        "heavy = {'torch', 'scipy', 'open3d', 'pyvista', 'meshio', 'soundfile'} & set(sys.modules);"
+        "sys.exit(' '.join(heavy) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code, results / "dataset"], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_splits_depend_on_the_id_alone():
+    splits = Dataset().splits
+    names = [f"object-{number:04d}" for number in range(4000)]
+    found = [split_of(name, splits) for name in names]
+    shares = {split: found.count(split) / len(names) for split in splits}
+    assert shares["train"] == pytest.approx(0.8, abs=0.02)
+    assert shares["validation"] == pytest.approx(0.1, abs=0.015)
+    # Fixed for ever: these would change only with the hash.
+    assert [split_of(name, splits) for name in ("bowl-0007", "ball-0000", "ant")] == PINNED_SPLITS
+    assert split_of("anything", {"all": 1.0}) == "all"
+    assert {split_of(name, {"none": 0.0, "a": 0.5, "b": 0.5}) for name in names[:200]} == {"a", "b"}
+    # Growing the training share moves objects only into training.
+    grown = [split_of(name, {"train": 0.9, "validation": 0.05, "test": 0.05}) for name in names]
+    assert all(new == "train" for old, new in zip(found, grown, strict=True) if old == "train")
+
+
+PINNED_SPLITS = ["train", "test", "train"]
+
+
+def test_shards_fill_evenly():
+    counts = np.bincount([shard_of(f"object-{number}", 8) for number in range(8000)], minlength=8)
+    assert counts.min() > 850
+    assert counts.max() < 1150
+
+
+def test_tables_give_back_what_was_written():
+    columns = {"name": (str, ""), "value": (float, ""), "count": (int, "")}
+    rows = [{"name": "a\tb\n c", "value": np.float64(0.1) / 3, "count": np.int64(4)}]
+    text = tables.to_tsv(rows, columns)
+    assert text.splitlines()[0] == "name\tvalue\tcount"
+    assert tables.from_tsv(text, columns) == [{"name": "a b c", "value": 0.1 / 3, "count": 4}]
+    assert tables.from_tsv(tables.to_tsv([], columns), columns) == []
+    with pytest.raises(ValueError, match="columns are"):
+        tables.from_tsv("other\n", columns)
+
+
+def test_making_keeps_what_agrees():
+    def one(seed, version="1"):
+        return {"tets": {"stage_version": 1, "options": {"target": 6000, "seed": seed}, "libraries": {"gmsh": version}}}
+
+    joined = making.join([one(1), one(2), one(3, "2")])
+    assert joined["tets"]["options"] == {"target": 6000, "seed": making.VARIES}
+    assert joined["tets"]["libraries"] == {"gmsh": making.VARIES}
+    assert making.join([making.join([one(1), one(2)]), one(3, "2")]) == joined
+
+
+def test_the_first_refusal_of_the_chain_counts(tmp_path):
+    paths = Paths(tmp_path)
+    for product, stage in (("tets_record", "tets"), ("modes", "tets"), ("audio_record", "audio")):
+        path = paths.at(getattr(paths, product), object="x", solidity="solid")
+        products.write_text(path, Refusal("x", stage, "too_thin", "m", solidity="solid").to_text())
+    found = chain.refusals_of(paths, "x")
+    assert found.object is None
+    assert found.bodies["solid"].stage == "tets"
+    assert not found.is_refused(("solid", "hollow"))
+    assert found.is_refused(("solid",))
+    assert chain.objects_in(paths) == ["x"]
+    assert chain.objects_in(Paths(tmp_path / "nowhere")) == []
+
+
+def test_the_documentation_holds_the_schema(root):
+    text = (root / "docs/dataset.md").read_text(encoding="utf-8")
+    assert schema.markdown() in text, "docs/dataset.md: replace its tables by vibraverse.dataset.schema.markdown()"

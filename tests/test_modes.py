@@ -1,0 +1,166 @@
+"""Frequencies, damping and shapes of materials, and the stages ``basis`` and ``modes``."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+
+from meshes import box
+from vibraverse.physics.basis import build_basis
+from vibraverse.physics.materials import MATERIALS
+from vibraverse.physics.modes import rayleigh_damping, solve_material
+from vibraverse.refusal import Refusal, read_refusal
+from vibraverse.seeds import rng
+from vibraverse.tetfiles import read_tets, write_tets
+
+
+@pytest.fixture(scope="module")
+def basis():
+    return build_basis(*box((1.8, 1.2, 0.7), (4, 3, 2)), rng=rng("t"), modes=20)
+
+
+def test_scaling_with_size_and_wave_speed_is_exact(basis):
+    steel = MATERIALS["steel"]
+    reference = solve_material(basis, steel, 0.1, 20)
+    larger = solve_material(basis, steel, 0.25, 20)
+    stiffer = solve_material(basis, {**steel, "young_pa": 4 * steel["young_pa"]}, 0.1, 20)
+    denser = solve_material(basis, {**steel, "density_kg_m3": 9 * steel["density_kg_m3"]}, 0.1, 20)
+    assert larger.frequencies_hz == pytest.approx(reference.frequencies_hz / 2.5, rel=1e-13)
+    assert stiffer.frequencies_hz == pytest.approx(reference.frequencies_hz * 2, rel=1e-13)
+    assert denser.frequencies_hz == pytest.approx(reference.frequencies_hz / 3, rel=1e-13)
+    assert denser.mass_kg == pytest.approx(9 * 7850 * 1.8 * 1.2 * 0.7 * 0.1**3, rel=1e-12)
+
+
+def test_mode_shapes_are_normalised_by_mass(basis):
+    """A shape's kinetic energy needs the inside too, but how it scales is known from the surface."""
+    glass = MATERIALS["glass"]
+    small, large = (solve_material(basis, glass, scale, 5).mode_shapes for scale in (0.1, 0.2))
+    assert large == pytest.approx(small / np.sqrt(8), rel=1e-12)
+
+
+def test_rayleigh_damping():
+    omega = 2 * np.pi * np.array([100.0, 1000.0, 10_000.0])
+    damping, damped = rayleigh_damping(omega, 6.0, 1e-7)
+    assert damping == pytest.approx(0.5 * (6.0 + 1e-7 * omega**2))
+    assert damped == pytest.approx(omega * np.sqrt(1 - (damping / omega) ** 2))
+    # Heavily damped: no ring, and no NaN.
+    damping, damped = rayleigh_damping(omega, 1e6, 1.0)
+    assert (damping > omega).all()
+    assert (damped == 0).all()
+
+
+@pytest.fixture
+def chain(tmp_path, vibraverse):
+    """Run basis and modes on a small brick; returns the folder."""
+    write_tets(tmp_path / "tets.msh", *box((1.8, 1.2, 0.7), (3, 2, 2)))
+    (tmp_path / "clean.json").write_text('{"size_m": 0.09}')
+
+    def run(materials, size_m=None):
+        body = ("--object", "brick", "--solidity", "solid")
+        status, _, err = vibraverse(
+            "basis", *body, "--tets", tmp_path / "tets.msh", "--basis", tmp_path / "basis.h5",
+            "--options", json.dumps({"modes": 12}),
+        )  # fmt: skip
+        assert status == 0, err
+        status, _, err = vibraverse(
+            "modes", *body, "--basis", tmp_path / "basis.h5", "--clean-record", tmp_path / "clean.json",
+            "--modes", tmp_path / "modes.h5", "--options",
+            json.dumps({"materials": materials, "modes": 12, "size_m": size_m}),
+        )  # fmt: skip
+        return status, err
+
+    run.folder = tmp_path
+    return run
+
+
+def test_modes_file(chain):
+    import h5py
+
+    status, err = chain({name: MATERIALS[name] for name in ("steel", "wood")})
+    assert status == 0
+    assert err.startswith("vibraverse modes --object brick --solidity solid --basis ")
+    with h5py.File(chain.folder / "modes.h5") as h5:
+        assert h5.attrs["size_m"] == 0.09
+        assert list(h5["materials"]) == ["steel", "wood"]
+        steel = h5["materials/steel"]
+        assert steel["frequencies_hz"].shape == (12,)
+        assert steel["frequencies_hz"].attrs["unit"] == "Hz"
+        assert (np.diff(steel["frequencies_hz"]) >= 0).all()
+        assert steel["mode_shapes"].shape == (12, len(h5["surface/vertices"]), 3)
+        assert np.isfinite(steel["mode_shapes"]).all()
+        assert steel.attrs["mass_kg"] == pytest.approx(7850 * 1.8 * 1.2 * 0.7 * 0.05**3)
+        provenance = json.loads(h5.attrs["provenance"])
+    assert provenance["stage"] == "modes"
+    assert set(provenance["input_sha256"]) == {"basis", "clean_record"}
+    assert provenance["options"]["materials"]["wood"]["young_pa"] == 1.1e10
+
+
+def test_products_repeat_to_the_byte(chain):
+    chain({"tin": MATERIALS["tin"]})
+    first = [(chain.folder / name).read_bytes() for name in ("basis.h5", "modes.h5")]
+    chain({"tin": MATERIALS["tin"]})
+    assert [(chain.folder / name).read_bytes() for name in ("basis.h5", "modes.h5")] == first
+
+
+def test_configured_size_wins(chain):
+    import h5py
+
+    chain({"tin": MATERIALS["tin"]}, size_m=0.5)
+    with h5py.File(chain.folder / "modes.h5") as h5:
+        assert h5.attrs["size_m"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"poisson": 0.5}, "modes.materials.tin.poisson: input should be less than 0.5, not 0.5"),
+        ({"density_kg_m3": -1}, "modes.materials.tin.density_kg_m3: input should be greater than 0, not -1"),
+        ({"young": 1}, "unknown key 'modes.materials.tin.young'; did you mean 'young_pa'"),
+    ],
+)
+def test_bad_material_is_one_sentence(chain, change, sentence):
+    status, err = chain({"tin": {**MATERIALS["tin"], **change}})
+    assert status == 2
+    assert sentence in err
+    assert len(err.strip().splitlines()) == 1
+    assert not (chain.folder / "modes.h5").exists()
+
+
+def test_refused_tetrahedra_are_passed_on(tmp_path, vibraverse):
+    refusal = Refusal("brick", "clean", "not_a_solid", "It is flat.", "Thicken it.")
+    (tmp_path / "tets.msh").write_text(refusal.to_text())
+    status, _, _ = vibraverse(
+        "basis", "--object", "brick", "--solidity", "solid",
+        "--tets", tmp_path / "tets.msh", "--basis", tmp_path / "basis.h5",
+    )  # fmt: skip
+    assert status == 0
+    assert read_refusal(tmp_path / "basis.h5") == refusal
+
+
+def test_broken_tetrahedra_become_a_refusal(tmp_path, vibraverse):
+    points, cells = box((1, 1, 1), (2, 2, 2))
+    points[:, 0] = 0.0
+    write_tets(tmp_path / "tets.msh", points, cells)
+    status, _, err = vibraverse(
+        "basis", "--object", "flat", "--solidity", "hollow",
+        "--tets", tmp_path / "tets.msh", "--basis", tmp_path / "basis.h5",
+    )  # fmt: skip
+    assert status == 0
+    assert "zero or negative volume" in err
+    refusal = read_refusal(tmp_path / "basis.h5")
+    assert (refusal.object, refusal.solidity, refusal.stage, refusal.reason) == (
+        "flat",
+        "hollow",
+        "basis",
+        "solve_failed",
+    )
+
+
+def test_tetrahedra_file_round_trip(tmp_path):
+    points, cells = box((1, 2, 3), (2, 1, 1))
+    write_tets(tmp_path / "a.msh", points, cells)
+    again = read_tets(tmp_path / "a.msh")
+    assert np.array_equal(again[0], points)
+    assert np.array_equal(again[1], cells)

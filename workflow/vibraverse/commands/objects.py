@@ -1,0 +1,52 @@
+"""``vibraverse objects``: which objects a configuration names, or which shape families there are."""
+
+from __future__ import annotations
+
+import argparse
+
+from vibraverse.cli import UsageError
+from vibraverse.config import ConfigError, load
+from vibraverse.sources.bundled import BUNDLED
+from vibraverse.sources.catalogue import Entry, catalogue
+from vibraverse.sources.families import FAMILIES, drawn
+
+
+def main(argv: list[str]) -> int:
+    """Print one line per object (id, origin, longest side, file) or per family."""
+    parser = argparse.ArgumentParser(
+        prog="vibraverse objects",
+        description="List the objects a configuration names, or the shape families.",
+    )
+    parser.add_argument("--config", default="config.yaml", metavar="FILE", help="default config.yaml")
+    parser.add_argument("--families", action="store_true", help="list the shape families instead")
+    chosen = parser.parse_args(argv)
+    if chosen.families:
+        _print_table([(name, family.category, family.description) for name, family in FAMILIES.items()])
+        return 0
+    try:
+        entries = catalogue(load(chosen.config))
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
+    if not entries:
+        print("The configuration names no objects.")
+        return 0
+    rows = [("object", "origin", "longest side", "from")]
+    rows += [(entry.object, entry.origin, _size(entry), str(entry.input or "")) for entry in entries.values()]
+    _print_table(rows)
+    return 0
+
+
+def _size(entry: Entry) -> str:
+    """Return the longest side as the configuration, the family or the bundle states it."""
+    size_m = entry.size_m
+    if size_m is None and entry.origin == "generated":
+        size_m = drawn(entry.object).size_m
+    if size_m is None and entry.origin == "bundled":
+        size_m = BUNDLED[entry.object].size_m
+    return "as in the file" if size_m is None else f"{size_m:.4g} m"
+
+
+def _print_table(rows: list[tuple[str, ...]]) -> None:
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    for row in rows:
+        print("  ".join(text.ljust(width) for text, width in zip(row, widths, strict=True)).rstrip())

@@ -1,0 +1,312 @@
+"""``vibraverse strike``: hear a mesh, from a file to its impact sound in one go.
+
+Strike runs the workflow's own stages, one after the other, in a temporary folder, so its numbers are those of the
+workflow for the same mesh and material.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import importlib
+import io
+import os
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+
+from vibraverse import products
+from vibraverse.cli import UsageError, set_threads
+from vibraverse.config import ConfigError, unknown, validate
+from vibraverse.config.geometry import Hollow, Tets
+from vibraverse.config.media import Audio
+from vibraverse.config.physics import Basis, Material, Modes
+from vibraverse.config.sources import SourceEntry
+from vibraverse.paths import Paths
+from vibraverse.physics.materials import MATERIALS
+from vibraverse.refusal import Refused, read_refusal
+
+#: Estimated relative frequency error above which strike warns.
+_TOLERANCE = 1e-4
+_OVERRIDES = {
+    "density_kg_m3": "rho",
+    "young_pa": "young",
+    "poisson": "poisson",
+    "alpha_per_s": "alpha",
+    "beta_s": "beta",
+}
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the arguments of the command."""
+    p = argparse.ArgumentParser(
+        prog="vibraverse strike",
+        description="Clean a mesh, fill it with tetrahedra, compute its vibration modes and render its impact sound.",
+    )
+    p.add_argument("mesh", type=Path, metavar="MESH", help="OBJ, STL, PLY, OFF, GLB, glTF or 3MF")
+    p.add_argument(
+        "--material",
+        default="ceramic",
+        metavar="NAME",
+        help=f"one of {', '.join(MATERIALS)} (default ceramic)",
+    )
+    p.add_argument(
+        "--size",
+        type=float,
+        metavar="M",
+        help="longest side in metres (default: the file's own metres, or 0.15)",
+    )
+    p.add_argument(
+        "--young", type=float, metavar="PA", help="Young's modulus in Pa, in place of the material's"
+    )
+    p.add_argument("--poisson", type=float, metavar="NU", help="Poisson's ratio")
+    p.add_argument("--density", type=float, metavar="RHO", dest="rho", help="density in kg/m³")
+    p.add_argument("--alpha", type=float, metavar="A", help="mass-proportional damping in 1/s")
+    p.add_argument("--beta", type=float, metavar="B", help="stiffness-proportional damping in s")
+    p.add_argument("--modes", type=int, default=64, metavar="N", help="elastic modes (default 64)")
+    p.add_argument(
+        "--hollow",
+        type=float,
+        metavar="T",
+        help="hollow the body: the wall reaches T of the way to its deepest point",
+    )
+    p.add_argument("--order", type=int, default=2, help="element order, 1 or 2 (default 2)")
+    p.add_argument(
+        "--elements",
+        type=int,
+        default=Tets().target_elements,
+        metavar="N",
+        help="tetrahedra to aim for (default %(default)s)",
+    )
+    p.add_argument(
+        "--at",
+        metavar="X,Y,Z",
+        help="strike the surface point nearest to this one, in the file's coordinates",
+    )
+    p.add_argument(
+        "-o", "--output", type=Path, metavar="WAV", help="the sound (default: MESH-MATERIAL.wav here)"
+    )
+    p.add_argument("--json", metavar="FILE", help="write frequencies and facts as JSON; - prints them")
+    p.add_argument(
+        "--threads",
+        type=int,
+        default=min(4, os.cpu_count() or 1),
+        metavar="N",
+        help="threads (default %(default)s)",
+    )
+    return p
+
+
+def main(argv: list[str]) -> int:
+    """Run the command; exit status 0, or 2 with one sentence when the input cannot be used."""
+    arguments = parser().parse_args(argv)
+    plan = _Strike(arguments)
+    set_threads(arguments.threads)
+    with tempfile.TemporaryDirectory(prefix="vibraverse-strike-") as folder:
+        try:
+            facts, sound = plan.run(Path(folder))
+        except Refused as refused:
+            print(f"vibraverse: {plan.mesh}: {refused} [{refused.reason}]", file=sys.stderr)
+            return 2
+        with products.whole(plan.output) as partial:
+            shutil.copyfile(sound, partial)
+    if arguments.json == "-":
+        import json
+
+        print(json.dumps(facts, indent=2, ensure_ascii=False))
+    elif arguments.json:
+        products.write_json(arguments.json, facts)
+    _tell(facts, plan.output, sys.stderr if arguments.json == "-" else sys.stdout)
+    return 0
+
+
+class _Strike:
+    """The validated request: everything wrong with it is said here, before anything is computed."""
+
+    def __init__(self, arguments: argparse.Namespace):
+        from vibraverse.sources.files import is_mesh, slug
+
+        self.mesh: Path = arguments.mesh
+        if not self.mesh.is_file():
+            raise UsageError(f"the mesh file {self.mesh} does not exist")
+        if not is_mesh(self.mesh.name):
+            raise UsageError(
+                f"{self.mesh.name} is no mesh file: OBJ, STL, PLY, OFF, GLB, glTF and 3MF are read"
+            )
+        self.object = slug(self.mesh.stem)
+        self.solidity = "solid" if arguments.hollow is None else "hollow"
+        self.threads = arguments.threads
+        if arguments.threads < 1:
+            raise UsageError("--threads must be at least 1")
+        self.material = self._material(arguments)
+        self.material_name = arguments.material
+        self.point = self._point(arguments.at)
+        nodes = list(Basis().poisson_nodes)
+        if not min(nodes) <= self.material.poisson <= max(nodes):
+            nodes.append(self.material.poisson)
+        thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
+        try:
+            self.options = {
+                "sources": SourceEntry(origin="files"),
+                "hollow": validate(Hollow, thickness, "--hollow"),
+                "tets": validate(Tets, {"target_elements": arguments.elements}, "--elements"),
+                "basis": validate(
+                    Basis,
+                    {"order": arguments.order, "modes": arguments.modes, "poisson_nodes": nodes},
+                    "strike",
+                ),
+                "modes": validate(
+                    Modes,
+                    {
+                        "materials": {self.material_name: self.material.model_dump()},
+                        "size_m": arguments.size,
+                        "modes": arguments.modes,
+                    },
+                    "strike",
+                ),
+            }
+        except ConfigError as error:
+            raise UsageError(str(error)) from None
+        self.output = arguments.output or Path(f"{self.mesh.stem}-{self.material_name}.wav")
+        for path in (self.output, *([Path(arguments.json)] if arguments.json not in (None, "-") else [])):
+            if not path.absolute().parent.is_dir():
+                raise UsageError(f"the folder of {path} does not exist")
+
+    @staticmethod
+    def _material(arguments) -> Material:
+        if arguments.material not in MATERIALS:
+            raise UsageError(unknown("material", arguments.material, MATERIALS))
+        given = {key: getattr(arguments, name) for key, name in _OVERRIDES.items()}
+        values = {**MATERIALS[arguments.material], **{k: v for k, v in given.items() if v is not None}}
+        try:
+            return validate(Material, values)
+        except ConfigError as error:
+            raise UsageError(str(error)) from None
+
+    @staticmethod
+    def _point(text: str | None) -> tuple[float, float, float] | None:
+        if text is None:
+            return None
+        try:
+            x, y, z = (float(part) for part in text.split(","))
+        except ValueError:
+            raise UsageError(f"--at takes three numbers such as 0.1,0,0.25, not {text!r}") from None
+        return x, y, z
+
+    def run(self, folder: Path) -> tuple[dict, Path]:
+        """Run the chain in ``folder``; return the facts and the path of the sound."""
+        p = Paths(folder)
+
+        def at(pattern):
+            return Path(
+                p.at(pattern, object=self.object, solidity=self.solidity, material=self.material_name)
+            )
+
+        self._stage(
+            "sources", {"file": self.mesh}, {"mesh": at(p.source_mesh), "record": at(p.source_record)}
+        )
+        self._stage(
+            "clean",
+            {"mesh": at(p.source_mesh), "source_record": at(p.source_record)},
+            {"surface": at(p.surface), "record": at(p.clean_record)},
+        )
+        surface = p.surface
+        if self.solidity == "hollow":
+            self._stage("grids", {"surface": at(p.surface)}, {"grids": at(p.grids), "coarse": at(p.coarse)})
+            surface = p.hollow_surface
+            self._stage(
+                "hollow",
+                {"surface": at(p.surface), "grids": at(p.grids)},
+                {"hollow_surface": at(surface), "record": at(p.hollow_record)},
+            )
+        self._stage("tets", {"surface": at(surface)}, {"tets": at(p.tets), "record": at(p.tets_record)})
+        self._stage("basis", {"tets": at(p.tets)}, {"basis": at(p.basis)})
+        self._stage(
+            "modes", {"basis": at(p.basis), "clean_record": at(p.clean_record)}, {"modes": at(p.modes)}
+        )
+        clean = products.read_json(at(p.clean_record))
+        points = []
+        if self.point is not None:
+            points = [[(x - c) * clean["scale"] for x, c in zip(self.point, clean["centre"], strict=True)]]
+        audio = Audio(points=points)
+        sound = at(p.sound).with_stem(audio.names([self.material_name])[-1])
+        self.options["audio"] = audio
+        self._stage("audio", {"modes": at(p.modes)}, {"sounds": [sound], "record": at(p.audio_record)})
+        facts = self._facts(
+            at(p.modes), clean, products.read_json(at(p.tets_record)), products.read_json(at(p.audio_record))
+        )
+        return facts, sound
+
+    def _stage(self, name: str, inputs: dict, outputs: dict) -> None:
+        """Run one stage quietly; a refusal is raised, a failure shows what the stage said."""
+        from vibraverse.stage import Job, run
+
+        if sys.stderr.isatty():
+            print(f"\r\033[K{name} …", end="", file=sys.stderr, flush=True)
+        stage = importlib.import_module(f"vibraverse.stages.{name}").STAGE
+        options = self.options.get(name) or (stage.options() if stage.options else None)
+        job = Job(stage, self.object, self.solidity, inputs, outputs, options, self.threads)
+        said = io.StringIO()
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+            status = run(job, ["vibraverse", name])
+        if sys.stderr.isatty():
+            print("\r\033[K", end="", file=sys.stderr, flush=True)
+        if status:
+            raise UsageError(f"the stage {name} failed:\n{said.getvalue()}")
+        first = next(iter(outputs.values()))
+        refusal = read_refusal(first[0] if isinstance(first, list) else first)
+        if refusal is not None:
+            raise Refused(refusal.reason, refusal.message, refusal.advice)
+
+    def _facts(self, modes_path: Path, clean: dict, tets: dict, audio: dict) -> dict:
+        import h5py
+
+        with h5py.File(modes_path) as h5:
+            group = h5[f"materials/{self.material_name}"]
+            size_m, volume_m3 = float(h5.attrs["size_m"]), float(h5.attrs["volume_m3"])
+            frequencies, damping = group["frequencies_hz"][()], group["damping_per_s"][()]
+            error, mass_kg = group["relative_error"][()], float(group.attrs["mass_kg"])
+        (rendered,) = audio["sounds"].values()
+        warnings = [f"clean: {note}" for note in clean.get("repairs", [])]
+        if error.max() > _TOLERANCE:
+            warnings.append(f"modes: the estimated frequency error reaches {error.max():.1e}")
+        if rendered["modes_above_nyquist"]:
+            warnings.append(
+                f"audio: {rendered['modes_above_nyquist']} modes are too high for the sample rate and left out"
+            )
+        if rendered["modes_overdamped"]:
+            warnings.append(f"audio: {rendered['modes_overdamped']} modes are overdamped and do not ring")
+        if not clean.get("size_m") and not self.options["modes"].size_m:
+            warnings.append(f"size: the file states no unit; its longest side is taken as {size_m:g} m")
+        return {
+            "mesh": self.mesh.name,
+            "material": self.material_name,
+            "material_parameters": self.material.model_dump(),
+            "solidity": self.solidity,
+            "size_m": size_m,
+            "volume_m3": volume_m3,
+            "mass_kg": mass_kg,
+            "vertices": tets["vertices"],
+            "tetrahedra": tets["tetrahedra"],
+            "order": self.options["basis"].order,
+            "frequencies_hz": frequencies.tolist(),
+            "damping_per_s": damping.tolist(),
+            "relative_error": error.tolist(),
+            "duration_s": rendered["duration_s"],
+            "warnings": warnings,
+        }
+
+
+def _tell(facts: dict, output: Path, stream) -> None:
+    """Print what a person wants to know."""
+    first = ", ".join(f"{f:.1f}" for f in facts["frequencies_hz"][:5])
+    print(
+        f"{facts['mesh']}: {facts['solidity']} {facts['material']}, longest side {facts['size_m']:g} m, "
+        f"{facts['mass_kg']:.3g} kg, {facts['tetrahedra']} tetrahedra\n"
+        f"lowest of {len(facts['frequencies_hz'])} modes: {first} Hz",
+        file=stream,
+    )
+    for warning in facts["warnings"]:
+        print(f"note: {warning}", file=stream)
+    print(f"wrote {output} ({facts['duration_s']:.2f} s)", file=stream)

@@ -1,0 +1,194 @@
+"""Hollow bodies: the outside stays triangle for triangle, ``S(P) <= t · s_min`` is taken away.
+
+``S`` is the signed distance, ``s_min`` its value at the deepest point, found below the grid's resolution. The
+wall is ``t |s_min|`` thick everywhere and the cavity reaches ``(1 - t) |s_min|`` from its deepest point. Where
+that is only a few cells the distance is sampled on a finer grid around the cavity, so that its surface is as
+good for a thin bowl as for a thick block.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.grids import DistanceField, cell_centres
+from vibraverse.geometry.remesh import remesh
+from vibraverse.refusal import Refused
+
+#: The cavity's reach should be this many samples; the grid is refined up to the largest factor.
+_SAMPLES, _FACTORS = 4.0, (1, 2, 4)
+#: With fewer samples than this the cavity is not resolved.
+_FEWEST = 1.0
+#: A cavity smaller than a ball of this many samples' radius is a speck.
+_SPECK = 1.5
+#: The cavity must keep this share of the wall after its surface was remade.
+_CLEARANCE = 0.6
+
+
+@dataclass(frozen=True)
+class HollowBody:
+    """Surface of a hollow body: the outside's vertices and faces first, then the cavities' (oriented inwards).
+
+    ``s_min`` is the signed distance at ``deepest``; ``cavities`` lists the volume of each cavity; ``specks``
+    counts those too small to mesh, which stay filled.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    s_min: float
+    deepest: np.ndarray
+    cavities: list[float]
+    specks: int
+
+
+def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: float) -> HollowBody:
+    """Take ``S(P) <= t · s_min`` out of a solid body.
+
+    ``vertices`` and ``faces`` are its closed surface inside [-1, 1]³, ``distance`` (n, n, n) the signed distance at cell
+    centres, ``0 < t < 1``. Raises :class:`Refused` with reason ``too_thin`` when the cavity cannot be resolved.
+    """
+    field = DistanceField(vertices, faces)
+    s_min, deepest = deepest_point(field, distance)
+    level, reach = t * s_min, (1 - t) * -s_min
+    cell = 2.0 / distance.shape[0]
+    factor = next((k for k in _FACTORS if reach * k >= _SAMPLES * cell), _FACTORS[-1])
+    spacing = cell / factor
+    if reach < _FEWEST * spacing:
+        raise Refused(
+            "too_thin",
+            f"The body is {-2 * s_min:.4f} thick where it is thickest (longest side 1.8); "
+            f"a cavity of {2 * reach:.4f} cannot be resolved at {spacing:.4f}.",
+            "Leave the hollow body of this object out, or raise grids.fine.",
+        )
+    shells = repair.parts(*_isosurface(*_sampled(field, distance, level, factor), level))
+    volumes = np.array([surfaces.volume(*shell) for shell in shells])
+    speck = 4 / 3 * np.pi * (_SPECK * spacing) ** 3
+    kept = [shell for shell, size in zip(shells, volumes, strict=True) if size > speck]
+    if not kept:
+        raise Refused(
+            "too_thin",
+            "The cavity falls into pieces too small to mesh.",
+            "Leave the hollow body of this object out, or raise grids.fine.",
+        )
+    points, triangles = _tidied(_joined(kept), field, vertices, faces, -level, reach, spacing)
+    return HollowBody(
+        *_joined([(vertices, faces), (points, triangles[:, ::-1])]),
+        s_min=s_min,
+        deepest=deepest,
+        cavities=sorted((surfaces.volume(*part) for part in repair.parts(points, triangles)), reverse=True),
+        specks=len(shells) - len(kept),
+    )
+
+
+def deepest_point(field: DistanceField, distance: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the least signed distance inside the body and the point where it is.
+
+    The deepest cell centres are moved uphill in shrinking steps until the distance is known to 1e-6.
+    """
+    n = distance.shape[0]
+    start = np.argsort(distance, axis=None, kind="stable")[:64]
+    points = cell_centres(n)[np.stack(np.unravel_index(start, distance.shape), axis=1)]
+    best = field.distance(points)
+    moves = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    step = 2.0 / n
+    while step > 1e-6:
+        trial = points[:, None] + step * moves
+        depth = field.distance(trial)
+        choice = depth.argmax(axis=1)
+        rows = np.arange(len(points))
+        gained = depth[rows, choice] > best
+        points = np.where(gained[:, None], trial[rows, choice], points)
+        best = np.maximum(best, depth[rows, choice])
+        if not gained.any():
+            step /= 2
+    winner = int(best.argmax())
+    return -float(best[winner]), points[winner]
+
+
+def _sampled(
+    field: DistanceField, distance: np.ndarray, level: float, factor: int
+) -> tuple[np.ndarray, np.ndarray, float]:
+    """Return samples of the signed distance around the cavity, the position of the first, and their spacing.
+
+    On a finer grid only samples near the level are measured; the others are interpolated, which decides on
+    which side of the level they are and no more.
+    """
+    n = distance.shape[0]
+    cell = 2.0 / n
+    near = np.argwhere(distance <= level + 2 * cell)
+    low, high = np.maximum(near.min(axis=0) - 1, 0), np.minimum(near.max(axis=0) + 2, n)
+    block = distance[tuple(slice(a, b) for a, b in zip(low, high, strict=True))].astype(np.float64)
+    origin = cell_centres(n)[low]
+    if factor == 1:
+        return block, origin, cell
+    from scipy.ndimage import map_coordinates
+
+    spacing = cell / factor
+    axes = [np.arange((side - 1) * factor + 1) / factor for side in block.shape]
+    fine = map_coordinates(block, np.meshgrid(*axes, indexing="ij"), order=1)
+    close = np.argwhere(np.abs(fine - level) < 2 * cell)
+    points = origin + spacing * close
+    inside = field.contains(points)
+    measured = field.distance(points)
+    fine[tuple(close.T)] = np.where(inside, -measured, measured)
+    return fine, origin, spacing
+
+
+def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: float) -> repair.Mesh:
+    """Return the closed surface on which the samples equal ``level``, oriented away from lower values."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkImageData
+    from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
+
+    # A layer of high values closes the surface; a sample exactly at the level would give faces without area.
+    values = np.pad(samples - level, 1, constant_values=spacing)
+    values = np.where(np.abs(values) < 1e-4 * spacing, 1e-4 * spacing, values)
+    image = vtkImageData()
+    image.SetDimensions(*values.shape)
+    image.SetSpacing(spacing, spacing, spacing)
+    image.SetOrigin(*(origin - spacing))
+    image.GetPointData().SetScalars(numpy_to_vtk(values.ravel(order="F"), deep=True))
+    contour = vtkFlyingEdges3D()
+    contour.SetInputData(image)
+    contour.SetValue(0, 0.0)
+    contour.ComputeNormalsOff()
+    contour.ComputeScalarsOff()
+    contour.Update()
+    surface = contour.GetOutput()
+    if not surface.GetNumberOfPolys():
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
+    points = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
+    triangles = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
+    points, triangles = repair.weld(points, triangles)
+    return points, repair.orient(points, triangles)
+
+
+def _tidied(
+    cavity: repair.Mesh, field: DistanceField, vertices, faces, wall: float, reach: float, spacing: float
+) -> repair.Mesh:
+    """Return the cavity's surface with fewer, better triangles, or as it is when those would not fit."""
+    size = 3 * spacing
+    try:
+        points, triangles = remesh(*cavity, size, deviation=min(0.1 * spacing, 0.1 * wall) / size, ridge_deg=50)
+    except RuntimeError:
+        return cavity
+    found = surfaces.topology(triangles, len(points))
+    middles = points[triangles].mean(axis=1)
+    fits = (
+        found.closed_manifold
+        and found.components == surfaces.topology(cavity[1], len(cavity[0])).components
+        and field.distance(np.concatenate([points, middles])).min() > _CLEARANCE * wall
+        and not repair.crossing_faces(points, triangles).any()
+    )
+    return (points, triangles) if fits else cavity
+
+
+def _joined(meshes: list[repair.Mesh]) -> repair.Mesh:
+    """Return several meshes as one, in their order."""
+    offsets = np.cumsum([0, *(len(points) for points, _ in meshes)])
+    return (
+        np.concatenate([points for points, _ in meshes]),
+        np.concatenate([cells + offset for (_, cells), offset in zip(meshes, offsets[:-1], strict=True)]),
+    )

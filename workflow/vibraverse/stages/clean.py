@@ -1,0 +1,60 @@
+"""clean: make the closed, oriented, manifold surface of one solid body."""
+
+from __future__ import annotations
+
+from vibraverse.config.geometry import Clean
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Read the source mesh, repair it in a child process, write the surface and what was done to it."""
+    from vibraverse import meshfiles, products
+    from vibraverse.geometry import surfaces
+    from vibraverse.geometry.clean import clean
+    from vibraverse.limits import run_limited
+
+    source = products.read_json(job.inputs["record"])
+    mesh = meshfiles.read_mesh(job.inputs["mesh"], source["format"], source.get("file"))
+    limits = job.options.limits
+    body = run_limited(
+        clean,
+        mesh.vertices,
+        mesh.faces,
+        job.options.max_triangles,
+        seconds=limits.seconds,
+        memory_mb=limits.memory_mb,
+        what="the repair",
+    )
+    meshfiles.write_ply(job.outputs["surface"], body.vertices, body.faces)
+    unit_m = source.get("unit_m")
+    size_m = source.get("size_m")
+    if size_m is None and unit_m is not None:
+        size_m = unit_m * body.longest_side
+    job.write_record(
+        {
+            "object": job.object,
+            "rung": body.rung,
+            "repairs": body.repairs,
+            "source_triangles": len(mesh.faces),
+            "vertices": len(body.vertices),
+            "triangles": len(body.faces),
+            "centre": body.centre,
+            "scale": body.scale,
+            "longest_side": body.longest_side,
+            "size_m": size_m,
+            "volume": surfaces.volume(body.vertices, body.faces),
+            "area": surfaces.area(body.vertices, body.faces),
+            "genus": surfaces.topology(body.faces, len(body.vertices)).genus,
+        }
+    )
+
+
+STAGE = Stage(
+    name="clean",
+    help="make a closed, oriented, manifold surface in [-1, 1]³",
+    inputs={"mesh": "the mesh as it came", "record": "where it came from (JSON)"},
+    outputs={"surface": "cleaned surface (PLY)", "record": "what was repaired, and the scale (JSON)"},
+    run=run,
+    options=Clean,
+    libraries=("manifold3d", "numpy", "pymeshlab", "trimesh", "vtk"),
+)

@@ -1,0 +1,62 @@
+"""grids: voxelise the surface and measure the signed distance."""
+
+from __future__ import annotations
+
+from vibraverse.config.geometry import Grids
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Read the surface, write both grids and the box mesh of the coarse one."""
+    import numpy as np
+
+    from vibraverse import meshfiles
+    from vibraverse.geometry import grids
+
+    vertices, faces = meshfiles.read_ply(job.inputs["surface"])
+    occupied = grids.occupancy(vertices, faces, job.options.coarse)
+    distance = grids.signed_distance(vertices, faces, job.options.fine, job.threads)
+    if not occupied.any():
+        occupied = grids.thickest_cell(distance, job.options.coarse)
+    write_grids(job.outputs["grids"], occupied.astype(np.uint8), distance, job.provenance())
+    write_obj(job.outputs["coarse"], *grids.coarse_mesh(occupied))
+
+
+def write_grids(path, occupied, distance, provenance: dict) -> None:
+    """Write both grids as compressed HDF5 datasets that say what they are."""
+    import h5py
+
+    from vibraverse.products import write_provenance
+
+    with h5py.File(path, "w") as h5:
+        for name, data, what in (
+            ("occupancy", occupied, "1 where the cell centre is inside"),
+            ("signed_distance", distance, "distance to the surface, negative inside"),
+        ):
+            chunk = tuple(min(side, 64) for side in data.shape)
+            dataset = h5.create_dataset(
+                name, data=data, chunks=chunk, compression="gzip", compression_opts=1, shuffle=True
+            )
+            dataset.attrs["description"] = what
+            dataset.attrs["axes"] = "x, y, z; sample i of n is the cell centre -1 + (2 i + 1) / n"
+        h5["occupancy"].attrs["unit"] = "1"
+        h5["signed_distance"].attrs["unit"] = "normalised length (longest side of the bounding box = 1.8)"
+        write_provenance(h5, provenance)
+
+
+def write_obj(path, vertices, faces) -> None:
+    """Write a mesh as OBJ text."""
+    lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
+    lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+STAGE = Stage(
+    name="grids",
+    help="voxelise the surface and measure the signed distance",
+    inputs={"surface": "cleaned surface (PLY)"},
+    outputs={"grids": "occupancy and signed distance (HDF5)", "coarse": "box mesh of the occupancy (OBJ)"},
+    run=run,
+    options=Grids,
+    libraries=("h5py", "numpy", "open3d"),
+)

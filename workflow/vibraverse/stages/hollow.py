@@ -1,0 +1,59 @@
+"""hollow: take the inside out of the body."""
+
+from __future__ import annotations
+
+from vibraverse.config.geometry import Hollow
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Read the surface and its distance grid, draw the wall thickness, write the hollow body's surface."""
+    import h5py
+
+    from vibraverse import meshfiles
+    from vibraverse.geometry import surfaces
+    from vibraverse.geometry.hollow import hollow
+    from vibraverse.limits import run_limited
+    from vibraverse.seeds import rng
+
+    vertices, faces = meshfiles.read_ply(job.inputs["surface"])
+    with h5py.File(job.inputs["grids"], "r") as h5:
+        distance = h5["signed_distance"][:]
+    t = float(rng(job.object, "hollow").uniform(*job.options.thickness))
+    limits = job.options.limits
+    body = run_limited(
+        hollow,
+        vertices,
+        faces,
+        distance,
+        t,
+        seconds=limits.seconds,
+        memory_mb=limits.memory_mb,
+        what="the cavity's mesher",
+    )
+    meshfiles.write_ply(job.outputs["surface"], body.vertices, body.faces)
+    job.write_record(
+        {
+            "object": job.object,
+            "t": t,
+            "s_min": body.s_min,
+            "deepest_point": body.deepest,
+            "wall": -t * body.s_min,
+            "cavities": body.cavities,
+            "specks": body.specks,
+            "outside_triangles": len(faces),
+            "triangles": len(body.faces),
+            "volume": surfaces.volume(body.vertices, body.faces),
+        }
+    )
+
+
+STAGE = Stage(
+    name="hollow",
+    help="take the inside out of the body",
+    inputs={"surface": "cleaned surface (PLY)", "grids": "its signed distance (HDF5)"},
+    outputs={"surface": "outside and cavity surfaces (PLY)", "record": "thickness and cavities (JSON)"},
+    run=run,
+    options=Hollow,
+    libraries=("h5py", "mmgpy", "numpy", "open3d", "pymeshlab", "vtk"),
+)
