@@ -24,7 +24,7 @@ demo: env  ## run the default workflow, to results/report/index.html
 test: dev  ## run the tests, then those of learning in their own environment
 	@envs/system.sh '$(VENV)/bin/python' test
 	@$(IN_VENV) pytest --ignore tests/learn
-	@$(MAKE) --no-print-directory learn
+	@envs/env.sh '$(LEARN)' learn dev
 	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" pytest tests/learn
 
 lint: dev  ## check formatting, style and the workflow's rules
@@ -37,7 +37,7 @@ dev:  ## make or update .venv with the tools of development
 	@envs/env.sh '$(VENV)' dev
 
 learn:  ## make or update .venv-learn, the environment with torch
-	@envs/env.sh '$(LEARN)' learn pytest
+	@envs/env.sh '$(LEARN)' learn
 
 lock: env  ## write envs/*.txt and envs/*.yaml anew from pyproject.toml (UPGRADE=1: newest versions)
 	@$(IN_VENV) python envs/lock.py $(if $(UPGRADE),--upgrade)

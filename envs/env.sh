@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Make, update or repair a virtual environment: the pinned packages, and this project installed editable.
 #
-#   envs/env.sh FOLDER NAME [PACKAGE…]
+#   envs/env.sh FOLDER NAME…
 #
-# NAME is an environment of this folder (envs/NAME.txt); each PACKAGE comes on top, in the version envs/dev.txt pins.
+# Each NAME is an environment of this folder (envs/NAME.txt); several are joined, for their versions agree.
 # FOLDER/.vibraverse says what the environment holds. Where that is what is asked for, nothing is done; where it says that
 # a run ended half-way, the environment is made anew. PYTHON chooses the interpreter.
-set -Eeuo pipefail
+set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 folder=$(realpath -m "$1")
@@ -19,13 +19,15 @@ fail() {
     exit 1
 }
 
-# The stamp's line for an environment: what it is, and a checksum of all it is made from.
+# The stamp's line for one NAME: a checksum of all it is made from.
 line() {
-    echo "$* $({ echo "$folder" && cat "envs/$1.txt" envs/bootstrap.txt envs/env.sh pyproject.toml; } | sha256sum)"
+    echo "$1 $({ echo "$folder" && cat "envs/$1.txt" envs/bootstrap.txt envs/env.sh pyproject.toml; } | sha256sum)"
 }
 
 up_to_date() {
-    [ -x "$python" ] && grep -qxF -- "$(line "$@")" "$stamp" 2>/dev/null
+    local name
+    for name; do grep -qxF -- "$(line "$name")" "$stamp" 2>/dev/null || return 1; done
+    [ -x "$python" ]
 }
 
 # The path of a suitable interpreter: the real one behind any virtual environment or shim.
@@ -69,22 +71,17 @@ use_pip_settings() {
     if [ -s /etc/ssl/certs/ca-certificates.crt ]; then export UV_SYSTEM_CERTS=${UV_SYSTEM_CERTS:-true}; fi
 }
 
-# Exactly what envs/$1.txt pins, the packages named after it, and the project.
+# Exactly what the locks pin, and the project.
 install() {
-    local name=$1 lock=envs/$1.txt package pinned=()
-    shift
-    for package; do pinned+=("$(grep -o "^$package==[^ ]*" envs/dev.txt)"); done
+    local uv=$folder/bin/uv quiet=(--quiet) locks
+    locks=("${@/#/envs/}")
+    locks=("${locks[@]/%/.txt}")
+    if [ -t 2 ]; then quiet=(); fi # a person watches: show how far it is
     "$python" -m pip install --quiet --require-hashes -r envs/bootstrap.txt
     use_pip_settings
-    local uv=$folder/bin/uv quiet=(--quiet)
-    if [ -t 2 ]; then quiet=(); fi # a person watches: show how far it is
-    local checked=(--python "$python" --require-hashes --build-constraints envs/bootstrap.txt
-        --preview-features build-dependency-hashes --require-build-hashes)
-    echo "Installing $(grep -c '^[a-z0-9].*==' "$lock") packages from $lock${*:+ and $*}"
-    "$uv" pip sync "${quiet[@]}" "${checked[@]}" "$lock"
-    if [ $# -gt 0 ]; then
-        "$uv" pip install "${quiet[@]}" "${checked[@]}" -r "$lock" "${pinned[@]}" -c envs/dev.txt
-    fi
+    echo "Installing $(sort -u "${locks[@]}" | grep -c '^[a-z0-9].*==') packages: $*"
+    "$uv" pip sync "${quiet[@]}" --python "$python" --require-hashes --build-constraints envs/bootstrap.txt \
+        --preview-features build-dependency-hashes --require-build-hashes "${locks[@]}"
     "$uv" pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
 }
 
@@ -101,10 +98,12 @@ if [ ! -s "$stamp" ] || ! "$python" -m pip --version >/dev/null 2>&1; then
     make_venv "$base"
 fi
 : >"$stamp"
-trap 'echo "The packages could not be installed (see above); nothing is lost: run the same command again." >&2' ERR
+trap '[ $? = 0 ] || echo "The packages could not be installed (see above). Run the same command again." >&2' EXIT
 install "$@"
-trap - ERR
 # A development environment holds all of the workstation's, so it serves as both.
-{ line "$@" && if [ "$*" = dev ]; then line workstation; fi; } >"$stamp.new"
+for name; do
+    line "$name"
+    if [ "$name" = dev ]; then line workstation; fi
+done >"$stamp.new"
 mv "$stamp.new" "$stamp"
 echo "$folder is ready ($(du -shL "$folder" | cut -f1)B)"

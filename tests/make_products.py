@@ -47,7 +47,13 @@ _COLOURS = {
 def options(results, objects=OBJECTS, **changes) -> str:
     """Return the options of the stage ``dataset`` for these products."""
     return json.dumps(
-        {"results": str(results), "objects": list(objects), "materials": MATERIAL_NAMES, "looks": LOOKS, **changes}
+        {
+            "results": str(results),
+            "objects": list(objects),
+            "materials": MATERIAL_NAMES,
+            "looks": LOOKS,
+            **changes,
+        }
     )
 
 
@@ -224,7 +230,9 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
     random = rng(object_id, solidity)
     rank = 8
     with h5py.File(at(paths.basis), "w") as h5:
-        h5.attrs.update(volume=volume, energy_poisson=0.25, order=2, n_vertices=len(points), n_tetrahedra=len(tets))
+        h5.attrs.update(
+            volume=volume, energy_poisson=0.25, order=2, n_vertices=len(points), n_tetrahedra=len(tets)
+        )
         h5.attrs.update(n_unknowns=3 * len(points), method="dense", factorisation="none")
         h5["reduced/lambda"], h5["reduced/mu"] = np.eye(rank), 2 * np.eye(rank)
         h5["reduced/residual_gram"], h5["reduced/residuals"] = np.eye(3 * rank), np.zeros((2, 4))
@@ -253,7 +261,11 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
             soundfile.write(at(paths.sound, material=name), samples, 44_100, subtype="PCM_24")
             sounds[name] = {"gain": gain, "duration_s": len(samples) / 44_100, "modes_rendered": MODES}
         products.write_provenance(h5, provenance("modes", object_id, solidity, modes=MODES))
-    record = {"sample_rate_hz": 44_100, "sounds": sounds, "provenance": provenance("audio", object_id, solidity)}
+    record = {
+        "sample_rate_hz": 44_100,
+        "sounds": sounds,
+        "provenance": provenance("audio", object_id, solidity),
+    }
     products.write_json(at(paths.audio_record), record)
 
 

@@ -9,11 +9,11 @@ import subprocess
 import sys
 
 import h5py
-import make_products
 import numpy as np
 import pytest
 import soundfile
 
+import make_products
 import vibraverse.dataset
 from vibraverse import products
 from vibraverse.config.dataset import Dataset
@@ -59,7 +59,9 @@ def test_the_validator_notices_what_is_wrong(results, tmp_path):
     assert "grids/occupancy is float64, not uint8" in found
     assert "no field at 'solid@colour'" in found
     with h5py.File(tmp_path / "other.h5", "w") as h5:
-        assert schema.problems(h5) == ["this is not a shard: its attribute 'format' is not 'vibraverse-shard'"]
+        assert schema.problems(h5) == [
+            "this is not a shard: its attribute 'format' is not 'vibraverse-shard'"
+        ]
 
 
 def test_every_numeric_dataset_has_a_unit_and_every_field_a_place(reader):
@@ -88,11 +90,20 @@ def test_arrays_are_the_products_to_the_last_bit(reader, results):
         vertices = modes["surface/vertices"][()]
         np.testing.assert_array_equal(reader.read("vertices", "bar-0000", "hollow").astype("f4"), vertices)
     with h5py.File(folder / "hollow/basis.h5") as basis:
-        np.testing.assert_array_equal(reader.read("reduced_mu", "bar-0000", "hollow"), basis["reduced/mu"][()])
-        np.testing.assert_array_equal(reader.read("surface_basis", "bar-0000", "hollow"), basis["surface/basis"][()])
+        np.testing.assert_array_equal(
+            reader.read("reduced_mu", "bar-0000", "hollow"), basis["reduced/mu"][()]
+        )
+        np.testing.assert_array_equal(
+            reader.read("surface_basis", "bar-0000", "hollow"), basis["surface/basis"][()]
+        )
     with h5py.File(folder / "grids.h5") as grids:
-        np.testing.assert_array_equal(reader.read("signed_distance", "bar-0000"), grids["signed_distance"][()])
-    assert reader.read("boundary_faces", "bar-0000").shape == (2 * len(reader.read("surface_faces", "bar-0000")), 3)
+        np.testing.assert_array_equal(
+            reader.read("signed_distance", "bar-0000"), grids["signed_distance"][()]
+        )
+    assert reader.read("boundary_faces", "bar-0000").shape == (
+        2 * len(reader.read("surface_faces", "bar-0000")),
+        3,
+    )
     assert reader.read("clean", "bar-0000") == products.read_json(folder / "clean.json")
 
 
@@ -141,7 +152,10 @@ def test_items_are_one_per_object_body_and_material(reader):
 
 def test_narrowing(reader):
     hollow = reader.where(solidity="hollow", material=["wood", "steel"])
-    assert [(item["object"], item["material"]) for item in hollow.items] == [("bar-0000", "wood"), ("bar-0000", "steel")]
+    assert [(item["object"], item["material"]) for item in hollow.items] == [
+        ("bar-0000", "wood"),
+        ("bar-0000", "steel"),
+    ]
     assert len(reader.where(split="train")) + len(reader.where(split=["validation", "test"])) == len(reader)
     with pytest.raises(KeyError, match="unknown column 'materials'; did you mean 'material'"):
         reader.where(materials="steel")
@@ -177,7 +191,10 @@ def test_refusals_stay_with_their_objects(reader):
     assert ball["hollow"].attrs["refusal_message"] == "The wall of ball-0000 would be too thin."
     assert "materials" not in ball["hollow"]
     assert "refusal_reason" not in ball.attrs
-    assert [(row["object"], row["solidity"]) for row in reader.refusals] == [("ball-0000", "hollow"), ("leaf", "")]
+    assert [(row["object"], row["solidity"]) for row in reader.refusals] == [
+        ("ball-0000", "hollow"),
+        ("leaf", ""),
+    ]
 
 
 def test_same_products_same_bytes_wherever_they_lie(results, tmp_path):
@@ -191,7 +208,13 @@ def test_same_products_same_bytes_wherever_they_lie(results, tmp_path):
 def test_provenance_names_what_the_shard_came_from(reader, results):
     checksums = reader.read("products", "bar-0000")
     assert checksums["hollow/modes.h5"] == products.sha256(results / "objects/bar-0000/hollow/modes.h5")
-    assert set(checksums) >= {"source.json", "clean.json", "grids.h5", "views/images.json", "hollow/hollow.json"}
+    assert set(checksums) >= {
+        "source.json",
+        "clean.json",
+        "grids.h5",
+        "views/images.json",
+        "hollow/hollow.json",
+    }
     with h5py.File(results / "dataset/shards/1.h5") as h5:
         text = h5.attrs["provenance"]
     stated = json.loads(text)
@@ -231,7 +254,9 @@ def test_handles_are_each_process_s_own(reader):
     if child == 0:  # in a forked worker: a handle of its own, and the right numbers
         inherited = dict(reader._handles)
         same = np.array_equal(reader.read("frequencies_hz", "bar-0000", "solid", "wood"), expected)
-        os._exit(0 if same and not set(map(id, reader._handles.values())) & set(map(id, inherited.values())) else 1)
+        os._exit(
+            0 if same and not set(map(id, reader._handles.values())) & set(map(id, inherited.values())) else 1
+        )
     assert os.waitpid(child, 0)[1] == 0
     reader.close()
     np.testing.assert_array_equal(reader.read("frequencies_hz", "bar-0000", "solid", "wood"), expected)
@@ -285,7 +310,13 @@ def test_tables_give_back_what_was_written():
 
 def test_making_keeps_what_agrees():
     def one(seed, version="1"):
-        return {"tets": {"stage_version": 1, "options": {"target": 6000, "seed": seed}, "libraries": {"gmsh": version}}}
+        return {
+            "tets": {
+                "stage_version": 1,
+                "options": {"target": 6000, "seed": seed},
+                "libraries": {"gmsh": version},
+            }
+        }
 
     joined = making.join([one(1), one(2), one(3, "2")])
     assert joined["tets"]["options"] == {"target": 6000, "seed": making.VARIES}
@@ -309,4 +340,6 @@ def test_the_first_refusal_of_the_chain_counts(tmp_path):
 
 def test_the_documentation_holds_the_schema(root):
     text = (root / "docs/dataset.md").read_text(encoding="utf-8")
-    assert schema.markdown() in text, "docs/dataset.md: replace its tables by vibraverse.dataset.schema.markdown()"
+    assert schema.markdown() in text, (
+        "docs/dataset.md: replace its tables by vibraverse.dataset.schema.markdown()"
+    )

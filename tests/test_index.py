@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import csv
 
-import make_products
 import pytest
 
+import make_products
 from vibraverse import products
 from vibraverse.paths import Paths
 
@@ -67,12 +67,21 @@ def test_the_record_holds_the_shards_checksums(paths):
     assert list(record["shards"]) == ["0.h5", "1.h5"]
     for name, shard in record["shards"].items():
         path = paths.at(paths.shard, shard=name.removesuffix(".h5"))
-        assert shard["sha256"] == products.sha256(path) == record["provenance"]["input_sha256"]["shards"][name]
+        assert (
+            shard["sha256"] == products.sha256(path) == record["provenance"]["input_sha256"]["shards"][name]
+        )
 
 
 def test_order_of_the_shards_does_not_matter(paths, tmp_path):
     shards = [paths.at(paths.shard, shard=number) for number in ("1", "0")]
-    outputs = ("--index", tmp_path / "i.tsv", "--refusals", tmp_path / "r.tsv", "--record", tmp_path / "d.json")
+    outputs = (
+        "--index",
+        tmp_path / "i.tsv",
+        "--refusals",
+        tmp_path / "r.tsv",
+        "--record",
+        tmp_path / "d.json",
+    )
     make_products.call("index", "--shards", *shards, *outputs)
     with open(paths.index, "rb") as first:
         assert first.read() == (tmp_path / "i.tsv").read_bytes()

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-import make_products
 import numpy as np
 import pytest
+
+import make_products
 
 torch = pytest.importorskip("torch", reason="torch is not installed (it belongs to the learning environment)")
 
@@ -21,7 +22,9 @@ def folder(tmp_path_factory):
 
 
 def test_items_are_tensors(folder):
-    data = vibraverse.dataset.torch_dataset(folder, fields=["frequencies_hz", "views", "young_pa"], material="steel")
+    data = vibraverse.dataset.torch_dataset(
+        folder, fields=["frequencies_hz", "views", "young_pa"], material="steel"
+    )
     assert isinstance(data, torch.utils.data.Dataset)
     assert len(data) == 3
     item = data[0]
@@ -48,7 +51,8 @@ def test_workers_read_the_same(folder, context):
 
 def test_splits_and_transforms(folder):
     counts = {
-        split: len(vibraverse.dataset.torch_dataset(folder, split=split)) for split in ("train", "validation", "test")
+        split: len(vibraverse.dataset.torch_dataset(folder, split=split))
+        for split in ("train", "validation", "test")
     }
     assert sum(counts.values()) == 12
     doubled = vibraverse.dataset.torch_dataset(folder, transform=lambda item: 2 * item["frequencies_hz"])

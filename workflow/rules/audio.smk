@@ -7,19 +7,19 @@ rule audio:
     output:
         sounds=targets.sounds(plan),
         record=paths.audio_record,
-    params:
-        options=plan.options("audio"),
-        version=VERSIONS["audio"],
     log:
         paths.log("audio", "object", "solidity"),
     benchmark:
         paths.benchmark("audio", "object", "solidity")
+    conda:
+        "../../envs/fem.yaml"
     threads: 1
     resources:
         mem_mb=memory("light"),
         runtime=minutes("light"),
-    conda:
-        "../../envs/fem.yaml"
+    params:
+        options=plan.options("audio"),
+        version=VERSIONS["audio"],
     message:
         "{wildcards.object}, {wildcards.solidity}: impact sounds"
     shell:

@@ -6,19 +6,19 @@ rule basis:
         tets=paths.tets,
     output:
         basis=paths.basis,
-    params:
-        options=plan.options("basis"),
-        version=VERSIONS["basis"],
     log:
         paths.log("basis", "object", "solidity"),
     benchmark:
         paths.benchmark("basis", "object", "solidity")
+    conda:
+        "../../envs/fem.yaml"
     threads: 1
     resources:
         mem_mb=memory("solver"),
         runtime=minutes("solver"),
-    conda:
-        "../../envs/fem.yaml"
+    params:
+        options=plan.options("basis"),
+        version=VERSIONS["basis"],
     message:
         "{wildcards.object}, {wildcards.solidity}: modal basis"
     shell:

@@ -8,19 +8,19 @@ rule clean:
     output:
         surface=paths.surface,
         record=paths.clean_record,
-    params:
-        options=plan.options("clean"),
-        version=VERSIONS["clean"],
     log:
         paths.log("clean", "object"),
     benchmark:
         paths.benchmark("clean", "object")
+    conda:
+        "../../envs/geometry.yaml"
     threads: 1
     resources:
         mem_mb=memory("geometry"),
         runtime=minutes("geometry"),
-    conda:
-        "../../envs/geometry.yaml"
+    params:
+        options=plan.options("clean"),
+        version=VERSIONS["clean"],
     message:
         "{wildcards.object}: clean the surface"
     shell:

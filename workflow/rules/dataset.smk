@@ -6,19 +6,19 @@ rule dataset:
         products=lambda wildcards: targets.shard_products(plan, wildcards.shard),
     output:
         shard=paths.shard,
-    params:
-        options=lambda wildcards: plan.options("dataset", shard=wildcards.shard),
-        version=VERSIONS["dataset"],
     log:
         paths.log("dataset", "shard"),
     benchmark:
         paths.benchmark("dataset", "shard")
+    conda:
+        "../../envs/dataset.yaml"
     threads: 1
     resources:
         mem_mb=memory("collect"),
         runtime=minutes("collect"),
-    conda:
-        "../../envs/dataset.yaml"
+    params:
+        options=lambda wildcards: plan.options("dataset", shard=wildcards.shard),
+        version=VERSIONS["dataset"],
     message:
         "dataset shard {wildcards.shard}"
     shell:
@@ -35,18 +35,18 @@ rule index:
         index=paths.index,
         refusals=paths.refusals,
         record=paths.dataset_record,
-    params:
-        version=VERSIONS["index"],
     log:
         paths.log("index"),
     benchmark:
         paths.benchmark("index")
+    conda:
+        "../../envs/dataset.yaml"
     threads: 1
     resources:
         mem_mb=memory("collect"),
         runtime=minutes("collect"),
-    conda:
-        "../../envs/dataset.yaml"
+    params:
+        version=VERSIONS["index"],
     message:
         "index of the dataset"
     shell:

@@ -7,19 +7,19 @@ rule grids:
     output:
         grids=paths.grids,
         coarse=paths.coarse,
-    params:
-        options=plan.options("grids"),
-        version=VERSIONS["grids"],
     log:
         paths.log("grids", "object"),
     benchmark:
         paths.benchmark("grids", "object")
+    conda:
+        "../../envs/geometry.yaml"
     threads: 1
     resources:
         mem_mb=memory("geometry"),
         runtime=minutes("geometry"),
-    conda:
-        "../../envs/geometry.yaml"
+    params:
+        options=plan.options("grids"),
+        version=VERSIONS["grids"],
     message:
         "{wildcards.object}: voxels and signed distance"
     shell:

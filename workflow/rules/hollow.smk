@@ -8,19 +8,19 @@ rule hollow:
     output:
         hollow_surface=paths.hollow_surface,
         record=paths.hollow_record,
-    params:
-        options=plan.options("hollow"),
-        version=VERSIONS["hollow"],
     log:
         paths.log("hollow", "object"),
     benchmark:
         paths.benchmark("hollow", "object")
+    conda:
+        "../../envs/geometry.yaml"
     threads: 1
     resources:
         mem_mb=memory("geometry"),
         runtime=minutes("geometry"),
-    conda:
-        "../../envs/geometry.yaml"
+    params:
+        options=plan.options("hollow"),
+        version=VERSIONS["hollow"],
     message:
         "{wildcards.object}: hollow the body"
     shell:

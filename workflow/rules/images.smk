@@ -7,19 +7,19 @@ rule images:
     output:
         views=targets.views(plan),
         record=paths.images_record,
-    params:
-        options=plan.options("images"),
-        version=VERSIONS["images"],
     log:
         paths.log("images", "object"),
     benchmark:
         paths.benchmark("images", "object")
+    conda:
+        "../../envs/render.yaml"
     threads: 1
     resources:
         mem_mb=memory("render"),
         runtime=minutes("render"),
-    conda:
-        "../../envs/render.yaml"
+    params:
+        options=plan.options("images"),
+        version=VERSIONS["images"],
     message:
         "{wildcards.object}: views"
     shell:

@@ -7,19 +7,19 @@ rule modes:
         clean_record=paths.clean_record,
     output:
         modes=paths.modes,
-    params:
-        options=lambda wildcards: plan.options("modes", object_=wildcards.object),
-        version=VERSIONS["modes"],
     log:
         paths.log("modes", "object", "solidity"),
     benchmark:
         paths.benchmark("modes", "object", "solidity")
+    conda:
+        "../../envs/fem.yaml"
     threads: 1
     resources:
         mem_mb=memory("light"),
         runtime=minutes("light"),
-    conda:
-        "../../envs/fem.yaml"
+    params:
+        options=lambda wildcards: plan.options("modes", object_=wildcards.object),
+        version=VERSIONS["modes"],
     message:
         "{wildcards.object}, {wildcards.solidity}: modes of all materials"
     shell:

@@ -9,19 +9,19 @@ rule report:
         record=paths.dataset_record,
     output:
         page=paths.report,
-    params:
-        options=plan.options("report"),
-        version=VERSIONS["report"],
     log:
         paths.log("report"),
     benchmark:
         paths.benchmark("report")
+    conda:
+        "../../envs/report.yaml"
     threads: 1
     resources:
         mem_mb=memory("collect"),
         runtime=minutes("collect"),
-    conda:
-        "../../envs/report.yaml"
+    params:
+        options=plan.options("report"),
+        version=VERSIONS["report"],
     message:
         "the report"
     shell:
@@ -41,16 +41,16 @@ rule verdict:
         page=paths.report,
     output:
         verdict=paths.verdict,
-    params:
-        share=plan.config.dataset.max_refused_share,
     log:
         paths.log("verdict"),
+    conda:
+        "../../envs/dataset.yaml"
     threads: 1
     resources:
         mem_mb=memory("light"),
         runtime=minutes("light"),
-    conda:
-        "../../envs/dataset.yaml"
+    params:
+        share=plan.config.dataset.max_refused_share,
     message:
         "the verdict on the run"
     shell:

@@ -1,13 +1,15 @@
 # A mesh as it came, with where it came from.
+from shlex import quote
 
 
 rule sources:
     input:
-        file=lambda wildcards: [str(plan.objects[wildcards.object].input)] if plan.objects[wildcards.object].input else [],
+        file=lambda wildcards: targets.source_file(plan, wildcards.object),
     output:
         mesh=paths.source_mesh,
         record=paths.source_record,
     params:
+        file=lambda wildcards, input: f"--file {quote(str(input.file))}" if input.file else "",
         options=lambda wildcards: plan.options("sources", object_=wildcards.object),
         version=VERSIONS["sources"],
     log:
@@ -23,10 +25,6 @@ rule sources:
     message:
         "{wildcards.object}: get the mesh"
     shell:
-        "vibraverse sources "
-        "--object {wildcards.object} "
-        "--file {input.file:q} "
-        "--mesh {output.mesh:q} "
-        "--record {output.record:q} "
-        "--options {params.options:q} "
-        "--threads {threads} > {log} 2>&1"
+        "vibraverse sources --object {wildcards.object} {params.file} "
+        "--mesh {output.mesh:q} --record {output.record:q} "
+        "--options {params.options:q} --threads {threads} > {log} 2>&1"

@@ -7,19 +7,19 @@ rule tets:
     output:
         tets=paths.tets,
         record=paths.tets_record,
-    params:
-        options=plan.options("tets"),
-        version=VERSIONS["tets"],
     log:
         paths.log("tets", "object", "solidity"),
     benchmark:
         paths.benchmark("tets", "object", "solidity")
+    conda:
+        "../../envs/geometry.yaml"
     threads: 1
     resources:
         mem_mb=memory("geometry"),
         runtime=minutes("geometry"),
-    conda:
-        "../../envs/geometry.yaml"
+    params:
+        options=plan.options("tets"),
+        version=VERSIONS["tets"],
     message:
         "{wildcards.object}, {wildcards.solidity}: tetrahedra"
     shell:

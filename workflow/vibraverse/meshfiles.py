@@ -119,7 +119,10 @@ def _read_obj(data: bytes, path: Path) -> MeshData:
 
 
 def _read_stl(data: bytes, path: Path) -> MeshData:
-    return _trimesh(data, "stl")
+    mesh = _trimesh(data, "stl")
+    if len(mesh.faces) == 0 and not data.lstrip().startswith(b"solid"):
+        raise ValueError("it is neither a text nor a binary STL file")
+    return mesh
 
 
 def _read_ply(data: bytes, path: Path) -> MeshData:

@@ -52,3 +52,9 @@ def shards(plan: Plan) -> list[str]:
 def everything(plan: Plan) -> list[str]:
     """Return what a run makes in the end."""
     return [plan.paths.report, plan.paths.verdict]
+
+
+def source_file(plan: Plan, object_: str) -> list[str]:
+    """Return the mesh file an object is read from: one for objects of origin ``files``, else none."""
+    path = plan.objects[object_].input
+    return [str(path)] if path else []

@@ -1,4 +1,4 @@
-"""``vibraverse config``: check a configuration, show it with all defaults, print its JSON schema."""
+"""``vibraverse config``: check a configuration, show it with all defaults, print its JSON schema or its reference."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import argparse
 
 from vibraverse.cli import UsageError
 from vibraverse.config import Config, ConfigError, load, schema_text
+from vibraverse.config.reference import markdown
 
 
 def main(argv: list[str]) -> int:
-    """Run one of the three actions."""
+    """Run one of the actions."""
     parser = argparse.ArgumentParser(prog="vibraverse config", description="Check or show a configuration.")
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     for name, text in (
@@ -17,15 +18,18 @@ def main(argv: list[str]) -> int:
         ("show", "print the configuration with every default filled in"),
     ):
         action = actions.add_parser(name, help=text, description=text)
-        action.add_argument("file", nargs="?", default="config.yaml", metavar="FILE", help="default config.yaml")
+        action.add_argument(
+            "file", nargs="?", default="config.yaml", metavar="FILE", help="default config.yaml"
+        )
     actions.add_parser("schema", help="print the JSON schema, for editors that check while you type")
+    actions.add_parser("reference", help="print every key with its default and meaning (Markdown)")
     chosen = parser.parse_args(argv)
 
-    if chosen.action == "schema":
-        print(schema_text(), end="")
+    if chosen.action in ("schema", "reference"):
+        print(schema_text() if chosen.action == "schema" else markdown(), end="")
         return 0
     config = _load(chosen.file)
-    print(_resolved(config) if chosen.action == "show" else f"{chosen.file} is valid.", end="\n")
+    print(_resolved(config) if chosen.action == "show" else f"{chosen.file} is valid.")
     return 0
 
 

@@ -17,12 +17,18 @@ def main(argv: list[str]) -> int:
         prog="vibraverse refusals",
         description="List refused objects by reason. An object counts as refused when nothing of it is left.",
     )
-    parser.add_argument("--results", default="results", metavar="DIR", help="folder of all products (default results)")
+    parser.add_argument(
+        "--results", default="results", metavar="DIR", help="folder of all products (default results)"
+    )
     parser.add_argument(
         "--objects", nargs="+", metavar="ID", help="look only at these objects (default: all there are)"
     )
     parser.add_argument(
-        "--solidities", nargs="+", choices=SOLIDITIES, default=SOLIDITIES, help="bodies to expect (default: both)"
+        "--solidities",
+        nargs="+",
+        choices=SOLIDITIES,
+        default=SOLIDITIES,
+        help="bodies to expect (default: both)",
     )
     parser.add_argument(
         "--retry",
@@ -31,14 +37,19 @@ def main(argv: list[str]) -> int:
         help="delete the refused products of these reasons or objects (default: all), so that the next run makes them",
     )
     parser.add_argument(
-        "--check", type=_share, metavar="SHARE", help="exit 1 when more than this share of the objects is refused"
+        "--check",
+        type=_share,
+        metavar="SHARE",
+        help="exit 1 when more than this share of the objects is refused",
     )
     chosen = parser.parse_args(argv)
 
     paths = Paths(chosen.results)
     existing = objects_in(paths)
     if not existing:
-        raise UsageError(f"there are no objects in {chosen.results}/objects; is --results the folder of a run?")
+        raise UsageError(
+            f"there are no objects in {chosen.results}/objects; is --results the folder of a run?"
+        )
     objects = chosen.objects or existing
     for object_id in objects:
         _known(object_id, existing, "object")

@@ -103,7 +103,9 @@ def validate(model: type[BaseModel], values: dict, prefix: str = ""):
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
+        errors = error.errors(include_url=False)
+        # A misspelt key is also a missing one: say the misspelling.
+        first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
         raise ConfigError(_sentence(model, first, prefix)) from None
 
 
@@ -119,8 +121,11 @@ def load(path: str | Path) -> Config:
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from None
     if values is not None and not isinstance(values, dict):
-        raise ConfigError(f"{path} must hold keys and values, not {type(values).__name__}")
-    return parse(values)
+        raise ConfigError(f"{path} must hold keys and values, not {_shown(values)}")
+    try:
+        return parse(values)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from None
 
 
 def schema_text() -> str:
@@ -128,18 +133,55 @@ def schema_text() -> str:
     return json.dumps(Config.model_json_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
+#: What is expected, by pydantic's name of the mistake; braces take its numbers.
+_EXPECTED = {
+    "greater_than": "must be greater than {gt:g}",
+    "greater_than_equal": "must be at least {ge:g}",
+    "less_than": "must be less than {lt:g}",
+    "less_than_equal": "must be at most {le:g}",
+    "finite_number": "must be a finite number",
+    "literal_error": "must be {expected}",
+    "too_short": "must hold {min_length} or more",
+    "too_long": "must hold {max_length} or fewer",
+    **dict.fromkeys(("int_type", "int_parsing", "int_from_float"), "must be a whole number"),
+    **dict.fromkeys(("float_type", "float_parsing"), "must be a number"),
+    "string_type": "must be text",
+    **dict.fromkeys(("list_type", "tuple_type"), "must be a list"),
+    **dict.fromkeys(("dict_type", "model_type", "model_attributes_type"), "must hold keys and values"),
+}
+
+
 def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
-    location = [str(part) for part in error["loc"]]
-    key = ".".join([*([prefix] if prefix else []), *location])
+    key = prefix
+    for part in error["loc"]:
+        if isinstance(part, int) and key:
+            key += f"[{part}]"
+        elif "[" not in str(part):  # the others name a branch of a union, not a key
+            key += f".{part}" if key else str(part)
     if error["type"] == "extra_forbidden":
         known = _fields_at(model, error["loc"][:-1])
-        return f"unknown key {key!r}; " + unknown("key", location[-1], known).split("; ", 1)[-1]
+        return f"unknown key {key!r}; " + unknown("key", error["loc"][-1], known).split("; ", 1)[-1]
     if error["type"] == "value_error":
         return f"{key}: {error['ctx']['error']}"
     if error["type"] == "missing":
         return f"{key} is missing"
-    message = error["msg"][0].lower() + error["msg"][1:]
-    return f"{key}: {message}, not {error['input']!r}"
+    if error["type"] == "invalid_key":
+        return f"the key {key!r} must be text"
+    if error["type"] in _EXPECTED:
+        expected = _EXPECTED[error["type"]].format(**error.get("ctx", {}))
+    else:
+        expected = f"is not valid ({error['msg'][0].lower()}{error['msg'][1:]})"
+    return f"{key} {expected}, not {_shown(error['input'])}"
+
+
+def _shown(value) -> str:
+    """Return a wrong value as a sentence shows it."""
+    if value is None or value == {} or value == []:
+        return "nothing"
+    if isinstance(value, dict):
+        return f"keys and values ({', '.join(map(str, value))})"
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 60 else f"{text[:57]}…"
 
 
 def _fields_at(model: type[BaseModel], location) -> list[str]:
@@ -147,16 +189,16 @@ def _fields_at(model: type[BaseModel], location) -> list[str]:
     current = model
     for part in location:
         inner = getattr(current, "model_fields", {}).get(part) if isinstance(part, str) else None
-        current = _section_in(inner.annotation) if inner else current
+        current = section_in(inner.annotation) if inner else current
     return list(current.model_fields)
 
 
-def _section_in(annotation):
+def section_in(annotation):
     """Return the section class inside an annotation such as ``list[Files]`` or ``dict[str, Material]``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     for argument in getattr(annotation, "__args__", ()):
-        found = _section_in(argument)
+        found = section_in(argument)
         if found is not None:
             return found
     return None
@@ -170,6 +212,7 @@ __all__ = [
     "load",
     "parse",
     "schema_text",
+    "section_in",
     "unknown",
     "validate",
 ]

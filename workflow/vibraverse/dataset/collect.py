@@ -92,7 +92,8 @@ def stage_products(paths: Paths, object_id: str, solidities) -> list[Path]:
     found = [paths.at(getattr(paths, name), object=object_id) for name in OBJECT_CHAIN]
     for solidity in solidities:
         found += [
-            paths.at(getattr(paths, name), object=object_id, solidity=solidity) for name in body_chain(solidity)
+            paths.at(getattr(paths, name), object=object_id, solidity=solidity)
+            for name in body_chain(solidity)
         ]
     return [Path(path) for path in found]
 
@@ -125,4 +126,3 @@ def _everything(h5, place: str) -> Pairs:
 
 def _text(record: dict) -> str:
     return json.dumps(record, ensure_ascii=False)
-

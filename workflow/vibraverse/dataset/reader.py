@@ -29,7 +29,9 @@ class Reader:
     one field of any object, and :meth:`where` narrows the items.
     """
 
-    def __init__(self, shards: Iterable[str | Path], fields: Sequence[str] = DEFAULT_FIELDS, look: str = "clay"):
+    def __init__(
+        self, shards: Iterable[str | Path], fields: Sequence[str] = DEFAULT_FIELDS, look: str = "clay"
+    ):
         self.shards = {Path(path).name: Path(path) for path in shards}
         self.fields = tuple(fields)
         self.look = look
@@ -171,4 +173,6 @@ def _field(name: str) -> schema.Field:
 def _decode(pictures) -> np.ndarray:
     from PIL import Image
 
-    return np.stack([np.asarray(Image.open(io.BytesIO(png.tobytes())).convert("RGB")) for png in pictures[()]])
+    return np.stack(
+        [np.asarray(Image.open(io.BytesIO(png.tobytes())).convert("RGB")) for png in pictures[()]]
+    )

@@ -74,14 +74,27 @@ FIELDS: tuple[Field, ...] = (
     Field("licence", "@licence", "text", "()", "", "licence of the source"),
     Field("attribution", "@attribution", "text", "()", "", "whom the licence asks to name"),
     *_refusal("", "object"),
-    Field("products", "products", "json", "()", "", "SHA-256 of one product per stage that this object came from"),
+    Field(
+        "products",
+        "products",
+        "json",
+        "()",
+        "",
+        "SHA-256 of one product per stage that this object came from",
+    ),
     Field("source", "source", "json", "()", "", "where the mesh came from, as written by `sources`"),
     Field("clean", "clean", "json", "()", "", "what was repaired, and the scale, as written by `clean`"),
     Field("surface_vertices", "surface/vertices", "float64", "(V, 3)", _NORMALISED, "closed outer surface"),
-    Field("surface_faces", "surface/faces", "int32", "(F, 3)", "1", "its triangles, counter-clockwise outside"),
-    Field("coarse_vertices", "coarse/vertices", "float64", "(V, 3)", _NORMALISED, "box mesh of the occupancy"),
+    Field(
+        "surface_faces", "surface/faces", "int32", "(F, 3)", "1", "its triangles, counter-clockwise outside"
+    ),
+    Field(
+        "coarse_vertices", "coarse/vertices", "float64", "(V, 3)", _NORMALISED, "box mesh of the occupancy"
+    ),
     Field("coarse_faces", "coarse/faces", "int32", "(F, 3)", "1", "its triangles"),
-    Field("occupancy", "grids/occupancy", "uint8", "(n, n, n)", "1", "1 inside at cell centres, `[ix, iy, iz]`"),
+    Field(
+        "occupancy", "grids/occupancy", "uint8", "(n, n, n)", "1", "1 inside at cell centres, `[ix, iy, iz]`"
+    ),
     Field(
         "signed_distance",
         "grids/signed_distance",
@@ -91,7 +104,14 @@ FIELDS: tuple[Field, ...] = (
         "distance to the surface at cell centres, negative inside",
     ),
     Field("azimuth_deg", "cameras/azimuth_deg", "float64", "(views,)", "deg", "camera azimuth of each view"),
-    Field("elevation_deg", "cameras/elevation_deg", "float64", "(views,)", "deg", "camera elevation of each view"),
+    Field(
+        "elevation_deg",
+        "cameras/elevation_deg",
+        "float64",
+        "(views,)",
+        "deg",
+        "camera elevation of each view",
+    ),
     Field("views", "views/{look}", "png", "(views,)", "byte", "pictures of the outside, one PNG file each"),
     *_refusal(_BODY, "body"),
     Field("size_m", f"{_BODY}@size_m", "float64", "()", "m", "longest side of the bounding box"),
@@ -108,7 +128,9 @@ FIELDS: tuple[Field, ...] = (
     ),
     Field("boundary_faces", "hollow/boundary/faces", "int32", "(F, 3)", "1", "its triangles"),
     Field("tets", f"{_BODY}/tets/record", "json", "()", "", "mesh quality, as written by `tets`"),
-    Field("tet_points", f"{_BODY}/tets/points", "float64", "(P, 3)", _NORMALISED, "corners of the tetrahedra"),
+    Field(
+        "tet_points", f"{_BODY}/tets/points", "float64", "(P, 3)", _NORMALISED, "corners of the tetrahedra"
+    ),
     Field("tet_cells", f"{_BODY}/tets/cells", "int32", "(T, 4)", "1", "tetrahedra, positively oriented"),
     Field(
         "reduced_lambda",
@@ -134,9 +156,25 @@ FIELDS: tuple[Field, ...] = (
         "1",
         "products of the basis vectors' residual forces, for the error estimate",
     ),
-    Field("residuals", f"{_BASIS}/reduced/residuals", "float64", "(k, m)", "1", "residuals of the sparse solves"),
-    Field("poisson_nodes", f"{_BASIS}/reduced/poisson_nodes", "float64", "(k,)", "1", "Poisson's ratios in the basis"),
-    Field("vertices", f"{_BASIS}/surface/vertices", "float64", "(V, 3)", _NORMALISED, "vertices of the mode shapes"),
+    Field(
+        "residuals", f"{_BASIS}/reduced/residuals", "float64", "(k, m)", "1", "residuals of the sparse solves"
+    ),
+    Field(
+        "poisson_nodes",
+        f"{_BASIS}/reduced/poisson_nodes",
+        "float64",
+        "(k,)",
+        "1",
+        "Poisson's ratios in the basis",
+    ),
+    Field(
+        "vertices",
+        f"{_BASIS}/surface/vertices",
+        "float64",
+        "(V, 3)",
+        _NORMALISED,
+        "vertices of the mode shapes",
+    ),
     Field("faces", f"{_BASIS}/surface/faces", "int32", "(F, 3)", "1", "triangles of that surface"),
     Field(
         "surface_basis",
@@ -155,8 +193,17 @@ FIELDS: tuple[Field, ...] = (
         "1 (normalised length⁵, unit density)",
         "inertia tensor about the centre of mass",
     ),
-    Field("basis_volume", f"{_BASIS}@volume", "float64", "()", "1 (normalised length³)", "volume of the body"),
-    Field("energy_poisson", f"{_BASIS}@energy_poisson", "float64", "()", "1", "Poisson's ratio of the error norm"),
+    Field(
+        "basis_volume", f"{_BASIS}@volume", "float64", "()", "1 (normalised length³)", "volume of the body"
+    ),
+    Field(
+        "energy_poisson",
+        f"{_BASIS}@energy_poisson",
+        "float64",
+        "()",
+        "1",
+        "Poisson's ratio of the error norm",
+    ),
     Field("order", f"{_BASIS}@order", "int64", "()", "1", "element order: 1 or 2"),
     Field("n_vertices", f"{_BASIS}@n_vertices", "int64", "()", "1", "corners of the tetrahedra"),
     Field("n_tetrahedra", f"{_BASIS}@n_tetrahedra", "int64", "()", "1", "tetrahedra"),

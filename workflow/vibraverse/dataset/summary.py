@@ -28,9 +28,7 @@ def summary(reader: Reader) -> dict:
             "refused_objects": len(gone),
             "bodies": len(bodies),
             "refused_bodies": sum(1 for row in refusals if row["solidity"] and row["object"] in kept),
-            "sounds": sum(
-                len(reader.group(object_id)[solidity]["sounds"]) for object_id, solidity in bodies
-            ),
+            "sounds": sum(len(reader.group(object_id)[solidity]["sounds"]) for object_id, solidity in bodies),
             "items": len(items),
         },
         "objects_by_split": dict(sorted(splits.items())),

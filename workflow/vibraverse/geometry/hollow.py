@@ -23,6 +23,9 @@ _SAMPLES, _FACTORS = 4.0, (1, 2, 4)
 _FEWEST = 1.0
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
+#: The deepest point is sought from this many of the deepest samples.
+_STARTS = 64
+_LEAVE_OUT = "Leave the hollow body of this object out, or raise grids.fine."
 #: The cavity must keep this share of the wall after its surface was remade.
 _CLEARANCE = 0.6
 
@@ -60,7 +63,7 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
             "too_thin",
             f"The body is {-2 * s_min:.4f} thick where it is thickest (longest side 1.8); "
             f"a cavity of {2 * reach:.4f} cannot be resolved at {spacing:.4f}.",
-            "Leave the hollow body of this object out, or raise grids.fine.",
+            _LEAVE_OUT,
         )
     shells = repair.parts(*_isosurface(*_sampled(field, distance, level, factor), level))
     volumes = np.array([surfaces.volume(*shell) for shell in shells])
@@ -70,7 +73,7 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
         raise Refused(
             "too_thin",
             "The cavity falls into pieces too small to mesh.",
-            "Leave the hollow body of this object out, or raise grids.fine.",
+            _LEAVE_OUT,
         )
     points, triangles = _tidied(_joined(kept), field, vertices, faces, -level, reach, spacing)
     return HollowBody(
@@ -88,20 +91,24 @@ def deepest_point(field: DistanceField, distance: np.ndarray) -> tuple[float, np
     The deepest cell centres are moved uphill in shrinking steps until the distance is known to 1e-6.
     """
     n = distance.shape[0]
-    start = np.argsort(distance, axis=None, kind="stable")[:64]
+    start = np.argsort(distance, axis=None, kind="stable")[:_STARTS]
+    start = start[distance.ravel()[start] < 0]
+    if not len(start):
+        raise Refused("too_thin", "The body holds no sample of the distance grid.", _LEAVE_OUT)
     points = cell_centres(n)[np.stack(np.unravel_index(start, distance.shape), axis=1)]
     best = field.distance(points)
     moves = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    step = 2.0 / n
+    step = 1.0 / n
     while step > 1e-6:
-        trial = points[:, None] + step * moves
+        # A step shorter than the depth stays inside the largest ball around the point, so inside the body.
+        length = np.minimum(step, 0.5 * best)
+        trial = points[:, None] + length[:, None, None] * moves
         depth = field.distance(trial)
-        choice = depth.argmax(axis=1)
-        rows = np.arange(len(points))
-        gained = depth[rows, choice] > best
-        points = np.where(gained[:, None], trial[rows, choice], points)
+        rows, choice = np.arange(len(points)), depth.argmax(axis=1)
+        gained = depth[rows, choice] - best
+        points = np.where((gained > 0)[:, None], trial[rows, choice], points)
         best = np.maximum(best, depth[rows, choice])
-        if not gained.any():
+        if gained.max() < 0.1 * step:
             step /= 2
     winner = int(best.argmax())
     return -float(best[winner]), points[winner]
@@ -169,9 +176,9 @@ def _tidied(
     cavity: repair.Mesh, field: DistanceField, vertices, faces, wall: float, reach: float, spacing: float
 ) -> repair.Mesh:
     """Return the cavity's surface with fewer, better triangles, or as it is when those would not fit."""
-    size = 3 * spacing
+    size, deviation = 4 * spacing, min(0.3 * spacing, 0.1 * wall)
     try:
-        points, triangles = remesh(*cavity, size, deviation=min(0.1 * spacing, 0.1 * wall) / size, ridge_deg=50)
+        points, triangles = remesh(*cavity, size, deviation / size, ridge_deg=50)
     except RuntimeError:
         return cavity
     found = surfaces.topology(triangles, len(points))

@@ -14,13 +14,16 @@ from __future__ import annotations
 import numpy as np
 
 from vibraverse.geometry.closest import ClosestPoint
-from vibraverse.geometry.surfaces import edge_lengths, normals_and_areas, volume
+from vibraverse.geometry.repair import crossing_faces
+from vibraverse.geometry.surfaces import edge_lengths, normals_and_areas, topology, volume
 
 #: Sample points inside a triangle whose mean is exact for quadratic heights.
 _SAMPLES = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
 #: Weight ε that keeps a vertex from sliding along its surface.
 _STIFFNESS = 0.05
 _ROUNDS = 3
+#: Where the surface bends, triangles may shrink to this share of the wanted size.
+_SHRINK = 0.3
 
 
 def remesh(
@@ -29,39 +32,71 @@ def remesh(
     size: float,
     deviation: float = 0.06,
     ridge_deg: float = 25.0,
-    fit: bool = True,
+    rounds: int = 5,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the closed surface remade with edges of at most ``size``.
+    """Return the closed surface remade with edges of about ``size``, of the same volume, not cutting itself.
 
     ``deviation`` bounds the distance from the original in units of ``size``: where the surface bends, triangles
-    shrink until they keep it. An edge at which the normal turns by more than ``ridge_deg`` stays sharp. With
-    ``fit`` the vertices are moved for the same volume. Raises ``RuntimeError`` when Mmg fails.
+    shrink until they keep it. An edge at which the normal turns by more than ``ridge_deg`` stays sharp. Where two
+    sheets are so close that the remade ones cut each other, both are remade finer, ``rounds`` times. Raises
+    ``RuntimeError`` when Mmg fails or sheets still cut each other.
     """
+    closest, wanted = ClosestPoint(vertices, faces), volume(vertices, faces)
+    local = np.full(len(vertices), float(size))
+    for _ in range(rounds):
+        points, triangles = _mmg(vertices, faces, local, deviation * size, ridge_deg)
+        if not topology(triangles, len(points)).closed_manifold:
+            raise RuntimeError("remaking the surface tore it")
+        points = _fitted(closest, wanted, points, triangles)
+        crossing = crossing_faces(points, triangles)
+        if not crossing.any():
+            return points, triangles
+        local = _finer(vertices, local, points, triangles[crossing])
+    raise RuntimeError(f"{int(crossing.sum())} faces of the remade surface cut each other")
+
+
+def _mmg(
+    vertices: np.ndarray, faces: np.ndarray, sizes: np.ndarray, deviation: float, ridge_deg: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Run Mmg's surface remesher with a wanted size (V,) at every vertex."""
     from mmgpy import MmgMeshS
 
     mesh = MmgMeshS(np.ascontiguousarray(vertices, dtype=np.float64), faces.astype(np.int32))
+    mesh["metric"] = sizes[:, None]
     mesh.remesh(
-        hmax=size, hmin=0.3 * size, hausd=deviation * size, hgrad=1.4, ar=ridge_deg, verbose=-1
+        hmax=float(sizes.max()),
+        hmin=_SHRINK * float(sizes.min()),
+        hausd=deviation,
+        hgrad=1.4,
+        ar=ridge_deg,
+        verbose=-1,
     )
-    points, triangles = mesh.get_vertices().copy(), mesh.get_triangles().astype(np.int64)
-    if fit:
-        points = fit_to(vertices, faces, points, triangles)
-    return points, triangles
+    return mesh.get_vertices().copy(), mesh.get_triangles().astype(np.int64)
 
 
-def fit_to(
-    vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, triangles: np.ndarray
+def _finer(
+    vertices: np.ndarray, sizes: np.ndarray, points: np.ndarray, crossing: np.ndarray
+) -> np.ndarray:
+    """Return the wanted sizes halved around the faces that cross."""
+    from scipy.spatial import cKDTree
+
+    middles, reach = points[crossing].mean(axis=1), edge_lengths(points, crossing).max(axis=1)
+    distance, nearest = cKDTree(middles).query(vertices)
+    return np.where(distance < 1.5 * reach[nearest] + 1e-9, 0.5 * sizes, sizes)
+
+
+def _fitted(
+    closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray
 ) -> np.ndarray:
     """Return ``points`` moved so that ``triangles`` deviate from the original evenly, with its volume.
 
-    The original surface is ``vertices`` and ``faces``; ``points`` (P, 3) are near it.
+    ``closest`` finds points of the original surface, ``wanted`` is its volume; ``points`` (P, 3) are near it.
     """
-    closest = ClosestPoint(vertices, faces)
     base = move(points, closest(points) - points, triangles)
     fitted = base
     for _ in range(_ROUNDS):
         fitted = move(fitted, _displacements(fitted, triangles, closest), triangles)
-    return _match_volume(base, fitted, triangles, volume(vertices, faces))
+    return _match_volume(base, fitted, triangles, wanted)
 
 
 def _displacements(points: np.ndarray, triangles: np.ndarray, closest: ClosestPoint) -> np.ndarray:

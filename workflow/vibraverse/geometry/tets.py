@@ -22,7 +22,6 @@ RECIPES = (
     ({"deviation": 0.03, "ridge_deg": 25.0}, "delaunay"),
     ({"deviation": 0.06, "ridge_deg": 50.0}, "delaunay"),
     ({"deviation": 0.02, "ridge_deg": 12.0}, "delaunay"),
-    ({"deviation": 0.02, "ridge_deg": 25.0, "fit": False}, "delaunay"),
     ({"deviation": 0.06, "ridge_deg": 25.0}, "hxt"),
 )
 #: The element count may miss the target by this factor before the size is tried again.

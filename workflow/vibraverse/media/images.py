@@ -15,6 +15,7 @@ import os
 from dataclasses import dataclass
 
 import numpy as np
+from PIL import Image
 
 from vibraverse.media import shaders
 from vibraverse.media.looks import look_of
@@ -92,11 +93,12 @@ def camera_distance(points, views: list[View]) -> float:
 def studio(height: int = 128) -> np.ndarray:
     """Return the light that reaches the object from every direction, (height, 2·height, 3) linear radiance.
 
-    Rows run from the zenith down, columns over the azimuth with the camera at the middle: a soft sky that
-    darkens to the floor, a large key light at the upper left, a weaker fill at the right and two rims behind.
+    Rows run from the zenith down. Azimuths count from the camera to its right, and VTK's columns begin at the left
+    and run through the back. A soft sky darkens to the floor; a large key light stands at the upper left, a
+    weaker fill at the right and two rims behind.
     """
     elevation = (0.5 - (np.arange(height) + 0.5) / height)[:, None] * math.pi
-    azimuth = ((np.arange(2 * height) + 0.5) / height - 1.0)[None, :] * math.pi
+    azimuth = (1.5 - (np.arange(2 * height) + 0.5) / height)[None, :] * math.pi
     sky = 0.28 + 0.22 * np.clip(np.sin(elevation), 0, None) - 0.18 * np.clip(-np.sin(elevation), 0, 1) ** 0.5
 
     def box(azimuth_deg, elevation_deg, width_deg, height_deg, radiance, colour, soft_deg=3.0):
@@ -118,7 +120,7 @@ def render_views(vertices, faces, views: list[View], looks: list[str], size_px: 
     """Draw a closed surface from every view in every look.
 
     ``vertices`` (V, 3) and outward ``faces`` (F, 3) may be anywhere; the middle of the bounding box is the
-    middle of the picture. Raises RuntimeError when the machine offers no off-screen renderer.
+    middle of the picture. Raises RuntimeError when the machine offers no off-screen renderer or it draws nothing.
     """
     _choose_window()
     import pyvista
@@ -126,25 +128,19 @@ def render_views(vertices, faces, views: list[View], looks: list[str], size_px: 
     vertices = np.asarray(vertices, dtype=np.float64)
     vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     distance = camera_distance(vertices, views)
-    surface = pyvista.PolyData.from_regular_faces(vertices.astype(np.float32), np.asarray(faces))
-    surface = surface.compute_normals(
-        cell_normals=False,
-        split_vertices=True,
-        feature_angle=FEATURE_ANGLE_DEG,
-        consistent_normals=False,
-        auto_orient_normals=False,
-    )
+    radius = float(np.linalg.norm(vertices, axis=1).max())
     scale = max(1, min(_SUPERSAMPLING, _MAX_DRAWN_PX // size_px))
     plotter = pyvista.Plotter(off_screen=True, window_size=(scale * size_px,) * 2, lighting="none")
+    plotter.disable_anti_aliasing()
     try:
         renderer = _light(plotter)
-        actors = {name: _actors(plotter, surface, look_of(name)) for name in dict.fromkeys(looks)}
-        camera = plotter.camera
-        camera.view_angle = FIELD_OF_VIEW_DEG
-        radius = float(np.linalg.norm(vertices, axis=1).max())
-        camera.clipping_range = (max(0.05 * distance, distance - 1.01 * radius), distance + 1.01 * radius)
+        surface = _smooth(vertices, faces)
+        actors = {name: _actors(plotter, surface, look_of(name)) for name in looks}
         shown = [actor for layers in actors.values() for actor in layers]
         plotter.show(auto_close=False, interactive=False)
+        camera = plotter.camera
+        camera.view_angle = FIELD_OF_VIEW_DEG
+        camera.clipping_range = (max(0.05 * distance, distance - 1.01 * radius), distance + 1.01 * radius)
         pictures = {name: np.empty((len(views), size_px, size_px, 3), np.uint8) for name in actors}
         for index, view in enumerate(views):
             right, up, back = view.axes()
@@ -153,25 +149,24 @@ def render_views(vertices, faces, views: list[View], looks: list[str], size_px: 
             renderer.SetEnvironmentUp(0, 0, 1)
             renderer.SetEnvironmentRight(*right)
             for name, layers in actors.items():
-                for other in shown:
-                    other.SetVisibility(False)
+                for actor in shown:
+                    actor.SetVisibility(False)
                 for actor in layers:
                     actor.SetVisibility(True)
                 shown = layers
                 plotter.render()
                 frame = plotter.screenshot(return_img=True)
-                frame = frame.reshape(size_px, scale, size_px, scale, 3).mean(axis=(1, 3))
-                pictures[name][index] = np.round(frame).astype(np.uint8)
+                pictures[name][index] = Image.fromarray(frame).reduce(scale)
         description = plotter.render_window.ReportCapabilities()
     finally:
         plotter.close()
+    if any((drawn == drawn[0, 0, 0]).all() for drawn in pictures.values()):
+        raise RuntimeError(f"the renderer drew an empty picture; it says of itself: {description[:500]}")
     return Rendering(pictures, distance, _renderer_name(description))
 
 
 def png_bytes(picture: np.ndarray) -> bytes:
     """Return an (H, W, 3) picture as a PNG file, without a time stamp."""
-    from PIL import Image
-
     file = io.BytesIO()
     Image.fromarray(picture).save(file, format="PNG")
     return file.getvalue()
@@ -224,6 +219,20 @@ def _light(plotter):
     renderer.SetEnvironmentTexture(texture, False)
     renderer.GetEnvMapPrefiltered().SetPrefilterMaxSamples(128)
     return renderer
+
+
+def _smooth(vertices, faces):
+    """Return the surface with normals that are smooth across flat edges and split at sharp ones."""
+    import pyvista
+
+    surface = pyvista.PolyData.from_regular_faces(vertices.astype(np.float32), np.asarray(faces))
+    return surface.compute_normals(
+        cell_normals=False,
+        split_vertices=True,
+        feature_angle=FEATURE_ANGLE_DEG,
+        consistent_normals=False,
+        auto_orient_normals=False,
+    )
 
 
 def _linear(colour) -> list[float]:

@@ -130,15 +130,18 @@ def _ringing(omega, damping, weight, count: int, step_s: float) -> np.ndarray:
 def _length_s(omega, damping, weight, sample_rate_hz, decay_db, max_s) -> tuple[float, bool]:
     """Return when the envelopes have fallen by ``decay_db``, and whether that is before ``max_s``.
 
-    Each envelope rises before it falls, strongly damped ones late; so the sum is sampled at times spread
-    evenly over the decades and the last crossing is then found by halving.
+    The envelope of a ringing mode is ``e^{-d t} / ω_d``, bounded by its critical limit ``t e^{-d t}`` once a
+    period has passed; an overdamped mode is its own envelope and rises before it falls. So the sum is sampled at
+    times spread evenly over the decades and the last crossing is then found by halving.
     """
     rings = damping < omega
     ringing = np.sqrt((omega[rings] - damping[rings]) * (omega[rings] + damping[rings]))
 
     def level(time_s):
         time_s = np.asarray(time_s)[..., None]
-        swing = np.exp(-damping[rings] * time_s) * np.minimum(1.0 / ringing, time_s)
+        swing = np.exp(-damping[rings] * time_s) * np.minimum(
+            1.0 / ringing, np.maximum(time_s, 1.0 / omega[rings])
+        )
         creep = _overdamped(omega[~rings], damping[~rings], time_s)
         return swing @ np.abs(weight[rings]) + creep @ np.abs(weight[~rings])
 

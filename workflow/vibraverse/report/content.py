@@ -45,7 +45,9 @@ def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
     """Return what to show of an object; its pictures and sounds are added to ``assets`` by file name."""
     group = reader.group(object_id)
     items = [item for item in reader.items if item["object"] == object_id]
-    facts = {name: group.attrs[name] for name in ("title", "category", "origin", "licence", "attribution", "split")}
+    facts = {
+        name: group.attrs[name] for name in ("title", "category", "origin", "licence", "attribution", "split")
+    }
     materials = list(dict.fromkeys(item["material"] for item in items))
     pictures = {}
     for look in sorted(group["views"], key=lambda look: materials.index(look) if look in materials else -1):
@@ -96,6 +98,7 @@ def _cell(body, object_id: str, solidity: str, name: str, material: str, assets:
         "audio": f"{stem}.flac",
         "spectrogram": f"{stem}.png",
         "marks": marks(sample_rate_hz),
+        "silent_below_hz": 0.0 if samples.any() else sample_rate_hz / 2,
         "duration_s": len(samples) / sample_rate_hz,
         "f1_hz": float(body["materials"][material]["frequencies_hz"][0]),
         "mass_kg": float(body["materials"][material].attrs["mass_kg"]),
@@ -116,7 +119,9 @@ def marks(sample_rate_hz: int) -> dict[str, float]:
     """Return where to mark frequencies on a spectrogram: label and height in percent."""
     top_hz = sample_rate_hz / 2
     return {
-        text: round(100 * float(mel(hz) / mel(top_hz)), 2) for hz, text in _MARKS_HZ.items() if hz < 0.95 * top_hz
+        text: round(100 * float(mel(hz) / mel(top_hz)), 2)
+        for hz, text in _MARKS_HZ.items()
+        if hz < 0.95 * top_hz
     }
 
 

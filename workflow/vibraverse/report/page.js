@@ -41,20 +41,21 @@
   function drawFingerprint() {
     if (!fingerprint) return;
     const ratio = devicePixelRatio || 1;
-    const { clientWidth: width, clientHeight: height } = fingerprint;
+    const rows = Object.values(data.objects).flatMap((object) =>
+      Object.entries(object.modes[fingerprintMaterial] || {}));
+    const width = fingerprint.clientWidth, height = clamp(rows.length * 9, 54, 200);
+    fingerprint.style.height = `${height}px`;
     fingerprint.width = width * ratio;
     fingerprint.height = height * ratio;
     const brush = fingerprint.getContext("2d");
     const style = getComputedStyle(root);
-    const rows = Object.values(data.objects).flatMap((object) =>
-      Object.entries(object.modes[fingerprintMaterial] || {}));
     const step = (height * ratio) / rows.length;
     brush.lineWidth = 1.4 * ratio;
     rows.forEach(([solidity, [frequencies, rings]], row) => {
       brush.strokeStyle = style.getPropertyValue(`--${solidity}`);
       frequencies.forEach((hz, mode) => {
         const x = across(hz) * width * ratio;
-        brush.globalAlpha = 0.15 + 0.75 * strength(rings[mode]) ** 2;
+        brush.globalAlpha = 0.25 + 0.75 * strength(rings[mode]) ** 2;
         brush.beginPath();
         brush.moveTo(x, row * step + step * 0.1);
         brush.lineTo(x, row * step + step * 0.9);
@@ -155,7 +156,7 @@
         const [frequencies, rings] = bodies[name];
         return `<td>${frequencies[index] === undefined ? "–" : plain4(frequencies[index])}</td><td>${rings[index] > 0 ? plain(rings[index]) : "–"}</td>`;
       }).join("");
-      const chunk = Math.ceil(count / 4);
+      const chunk = Math.ceil(count / 3);
       const parts = [];
       for (let start = 0; start < count; start += chunk) {
         const rows = [];
@@ -179,8 +180,8 @@
         });
       parts.push(`<line class="axis" x1="0" x2="${WIDTH}" y1="${MIDDLE}" y2="${MIDDLE}"/>`);
       const labels = data.ticks_hz.filter((hz) => across(hz) < 0.98 && across(hz) > 0.02)
-        .map((hz) => `<b style="left:${100 * across(hz)}%">${hz < 1000 ? hz : `${hz / 1000} k`}</b>`);
-      if (heard < 0.95) labels.push(`<i style="left:${100 * heard}%">beyond hearing</i>`);
+        .map((hz) => `<b class="${/^1/.test(hz) ? "" : "minor"}" style="left:${100 * across(hz)}%">${hz < 1000 ? hz : `${hz / 1000} k`}</b>`);
+      if (heard < 0.86) labels.push(`<i style="left:${100 * heard}%">beyond hearing</i>`);
       for (const solidity of Object.keys(bodies)) labels.push(`<em class="${solidity}">${solidity}</em>`);
       element.innerHTML = `<svg viewBox="0 0 ${WIDTH} ${HEIGHT}" preserveAspectRatio="none" aria-hidden="true">${parts.join("")}</svg>${labels.join("")}`;
     };

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-_LENGTHS = ((1e-3, 1e-3, "mm"), (1.0, 1e-2, "cm"), (math.inf, 1.0, "m"))
+_LENGTHS = ((1e-2, 1e-3, "mm"), (1.0, 1e-2, "cm"), (math.inf, 1.0, "m"))
 _VOLUMES = ((1e-6, 1e-9, "mm³"), (1e-3, 1e-6, "cm³"), (1.0, 1e-3, "L"), (math.inf, 1.0, "m³"))
 _MASSES = ((1e-3, 1e-6, "mg"), (1.0, 1e-3, "g"), (1e3, 1.0, "kg"), (math.inf, 1e3, "t"))
 _FREQUENCIES = ((1e4, 1.0, "Hz"), (math.inf, 1e3, "kHz"))

@@ -120,8 +120,11 @@ def _by_reason(refusals: list[dict]) -> list[dict]:
 
 
 def _how(how: dict) -> dict:
-    """Return one stage's making with its nested options as flat pairs of key and text."""
-    return {**how, "options": list(_flat(how["options"])), "libraries": list(_flat(how["libraries"]))}
+    """Return one stage's making with its nested options as flat pairs; materials have a table of their own."""
+    options = how["options"]
+    if isinstance(options, dict):
+        options = {key: value for key, value in options.items() if key != "materials"}
+    return {**how, "options": list(_flat(options)), "libraries": list(_flat(how["libraries"]))}
 
 
 def _flat(value, key: str = ""):

@@ -41,7 +41,7 @@ class Cup(Shape):
         path = [(low, 0.22 * h), (0.75 * reach, 0.22 * h), (reach, 0.5 * h), (0.8 * reach, 0.8 * h)]
         handle = tube(_upright(smooth_curve([*path, (high, 0.82 * h)], 80)), self.handle_radius, 0.05)
         cup = revolve(wall(line, self.thickness), 0.06)
-        return evened(union(solid(cup), solid(handle) - solid(revolve(core, 0.06))), 0.1)
+        return evened(union(solid(cup), solid(handle) - solid(revolve(core, 0.06))), 0.12)
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,9 @@ author, and the GLB files, in the package's own layout.
 from __future__ import annotations
 
 import contextlib
+import fcntl
 import io
-import os
+import socket
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,6 +28,9 @@ LICENCES = {
 }
 
 
+_TIMEOUT_S = 60
+
+
 @dataclass(frozen=True)
 class Model:
     """A fetched model and what its author asks to be said."""
@@ -43,10 +47,11 @@ def fetch(uid: str, cache: str | Path) -> Model:
 
     Raises :class:`Refused` (``unavailable``) when the UID is unknown or the network does not answer.
     """
-    package = _package(Path(os.path.expanduser(str(cache))))
+    folder = Path(cache).expanduser()
+    package = _package(folder)
     try:
         # The package reports progress on the standard output, which belongs to our caller.
-        with contextlib.redirect_stdout(io.StringIO()):
+        with _alone(folder), contextlib.redirect_stdout(io.StringIO()):
             if uid not in package._load_object_paths():
                 raise Refused(
                     "unavailable",
@@ -58,7 +63,7 @@ def fetch(uid: str, cache: str | Path) -> Model:
     except (OSError, EOFError, ValueError, zlib.error) as error:
         raise Refused(
             "unavailable",
-            f"The Objaverse object {uid} is not in the cache and could not be fetched ({_said(error)}).",
+            f"The Objaverse object {uid} is not wholly in the cache and could not be fetched ({_said(error)}).",
             f"Connect to the network and repeat, or copy the model into the cache folder ({cache}); "
             "a damaged file there has to be deleted first.",
         ) from None
@@ -73,6 +78,22 @@ def fetch(uid: str, cache: str | Path) -> Model:
         licence=LICENCES.get(licence, licence),
         attribution=author or None,
     )
+
+
+@contextlib.contextmanager
+def _alone(folder: Path):
+    """Let one process at a time fetch into a cache, and none wait for ever for an answer."""
+    before = socket.getdefaulttimeout()
+    socket.setdefaulttimeout(_TIMEOUT_S)
+    try:
+        with contextlib.ExitStack() as stack:
+            with contextlib.suppress(OSError):  # a cache that cannot be written to needs no lock
+                folder.mkdir(parents=True, exist_ok=True)
+                lock = stack.enter_context(open(folder / ".lock", "w"))
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            yield
+    finally:
+        socket.setdefaulttimeout(before)
 
 
 def _package(cache: Path):

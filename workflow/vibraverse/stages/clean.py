@@ -13,7 +13,7 @@ def run(job: Job) -> None:
     from vibraverse.geometry.clean import clean
     from vibraverse.limits import run_limited
 
-    source = products.read_json(job.inputs["record"])
+    source = products.read_json(job.inputs["source_record"])
     mesh = meshfiles.read_mesh(job.inputs["mesh"], source["format"], source.get("file"))
     limits = job.options.limits
     body = run_limited(
@@ -52,7 +52,7 @@ def run(job: Job) -> None:
 STAGE = Stage(
     name="clean",
     help="make a closed, oriented, manifold surface in [-1, 1]³",
-    inputs={"mesh": "the mesh as it came", "record": "where it came from (JSON)"},
+    inputs={"mesh": "the mesh as it came", "source_record": "where it came from (JSON)"},
     outputs={"surface": "cleaned surface (PLY)", "record": "what was repaired, and the scale (JSON)"},
     run=run,
     options=Clean,

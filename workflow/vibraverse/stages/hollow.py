@@ -31,7 +31,7 @@ def run(job: Job) -> None:
         memory_mb=limits.memory_mb,
         what="the cavity's mesher",
     )
-    meshfiles.write_ply(job.outputs["surface"], body.vertices, body.faces)
+    meshfiles.write_ply(job.outputs["hollow_surface"], body.vertices, body.faces)
     job.write_record(
         {
             "object": job.object,
@@ -52,7 +52,7 @@ STAGE = Stage(
     name="hollow",
     help="take the inside out of the body",
     inputs={"surface": "cleaned surface (PLY)", "grids": "its signed distance (HDF5)"},
-    outputs={"surface": "outside and cavity surfaces (PLY)", "record": "thickness and cavities (JSON)"},
+    outputs={"hollow_surface": "outside and cavity surfaces (PLY)", "record": "thickness and cavities (JSON)"},
     run=run,
     options=Hollow,
     libraries=("h5py", "mmgpy", "numpy", "open3d", "pymeshlab", "vtk"),

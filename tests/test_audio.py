@@ -1,0 +1,156 @@
+"""The stage ``audio``: from modes.h5 to WAV files; and the spectrogram of a sound."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+
+import h5py
+import numpy as np
+import pytest
+import soundfile
+from PIL import Image
+
+from vibraverse.config.media import Audio, split_sound
+from vibraverse.media.audio import PEAK_DBFS, wav_bytes
+from vibraverse.media.spectrogram import FLOOR_DB, mel, mel_levels, spectrogram_png
+from vibraverse.physics.impulse import impact_sound
+from vibraverse.refusal import Refusal, read_refusal
+
+FREQUENCIES = {"ceramic": [900.0, 2100.0, 5300.0, 40_000.0], "rubber-p1": [200.0, 450.0, 900.0, 1500.0]}
+DAMPING = {"ceramic": [8.0, 12.0, 30.0, 90.0], "rubber-p1": [400.0, 600.0, 8000.0, 20_000.0]}
+
+
+@pytest.fixture
+def modes(tmp_path):
+    """A body of two materials on one triangle in the plane z = 0, moving by 1, 2, 3 and 4 along z."""
+    path = tmp_path / "modes.h5"
+    with h5py.File(path, "w") as file:
+        file["surface/vertices"] = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+        file["surface/faces"] = np.array([[0, 1, 2]], np.int32)
+        shapes = np.zeros((4, 3, 3), np.float32)
+        shapes[:, :, 2] = np.arange(1, 5)[:, None]
+        for name, frequencies in FREQUENCIES.items():
+            group = file.create_group(f"materials/{name}")
+            group["frequencies_hz"] = frequencies
+            group["damping_per_s"] = DAMPING[name]
+            group["mode_shapes"] = shapes
+    return path
+
+
+def render(vibraverse, modes, names, options="{}", folder="sounds"):
+    sounds = [modes.parent / folder / f"{name}.wav" for name in names]
+    status, _, errors = vibraverse(
+        "audio", "--object", "x", "--solidity", "solid", "--modes", modes,
+        "--sounds", *sounds, "--record", modes.parent / folder / "audio.json", "--options", options,
+    )  # fmt: skip
+    return status, errors, sounds
+
+
+def test_writes_the_sounds_of_every_material(vibraverse, modes):
+    status, errors, sounds = render(vibraverse, modes, FREQUENCIES)
+    assert status == 0, errors
+    record = json.loads((sounds[0].parent / "audio.json").read_text())
+    assert record["sample_rate_hz"] == 44_100
+    for path in sounds:
+        entry = record["sounds"][path.stem]
+        info = soundfile.info(path)
+        assert (info.subtype, info.channels, info.samplerate) == ("PCM_24", 1, 44_100)
+        stored, _ = soundfile.read(path)
+        assert len(stored) / 44_100 == entry["duration_s"]
+        assert 20 * np.log10(np.abs(stored).max()) == pytest.approx(PEAK_DBFS, abs=1e-4)
+        physical = impact_sound(FREQUENCIES[path.stem], DAMPING[path.stem], 44_100).samples
+        np.testing.assert_allclose(stored / entry["gain"], physical, atol=2**-23 / entry["gain"])
+        assert entry["rms_dbfs"] == pytest.approx(10 * np.log10((stored**2).mean()), abs=2e-3)
+        assert entry["rms_dbfs"] <= entry["loudest_dbfs"] < PEAK_DBFS
+    assert record["sounds"]["ceramic"]["modes_above_nyquist"] == 1
+    assert record["sounds"]["rubber-p1"]["modes_overdamped"] == 2
+
+
+def test_strikes_points(vibraverse, modes):
+    status, errors, sounds = render(vibraverse, modes, ["ceramic-p0"], '{"points": [[0.2, 0.2, -3]]}')
+    assert status == 0, errors
+    entry = json.loads((sounds[0].parent / "audio.json").read_text())["sounds"]["ceramic-p0"]
+    assert entry["struck_at"] == pytest.approx([0.2, 0.2, 0])
+    assert entry["struck_along"] == pytest.approx([0, 0, 1])
+    stored, _ = soundfile.read(sounds[0])
+    physical = impact_sound(FREQUENCIES["ceramic"], DAMPING["ceramic"], 44_100, weights=[1, 2, 3, 4]).samples
+    np.testing.assert_allclose(stored / entry["gain"], physical, atol=2**-23 / entry["gain"])
+
+
+def test_repeats_to_the_byte(vibraverse, modes):
+    digests = []
+    for folder in ("first", "second"):
+        _, _, sounds = render(vibraverse, modes, FREQUENCIES, folder=folder)
+        files = sorted(sounds[0].parent.iterdir())
+        digests.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in files])
+    assert digests[0] == digests[1]
+    assert len(digests[0]) == 3
+
+
+def test_removes_sounds_no_longer_asked_for(vibraverse, modes):
+    render(vibraverse, modes, FREQUENCIES)
+    _, _, sounds = render(vibraverse, modes, ["ceramic"])
+    assert sorted(path.name for path in sounds[0].parent.iterdir()) == ["audio.json", "ceramic.wav"]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"), [("ceramik", "did you mean 'ceramic'"), ("ceramic-p3", "point 3 of 0")]
+)
+def test_says_what_it_does_not_know(vibraverse, modes, name, words):
+    status, errors, sounds = render(vibraverse, modes, [name])
+    assert status == 2
+    assert words in errors
+    assert not list(sounds[0].parent.iterdir())
+
+
+def test_passes_refusals_on(vibraverse, modes):
+    modes.write_text(Refusal("x", "tets", "too_thin", "The wall is too thin.").to_text())
+    status, _, sounds = render(vibraverse, modes, ["ceramic"])
+    assert status == 0
+    assert read_refusal(sounds[0]).reason == "too_thin"
+
+
+def test_names_of_sounds():
+    options = Audio(points=[(0, 0, 1), (0, 1, 0)])
+    assert options.names(["tin", "a-p1"]) == ["tin", "tin-p0", "tin-p1", "a-p1", "a-p1-p0", "a-p1-p1"]
+    known = {"tin", "a-p1"}
+    assert split_sound("a-p1", known) == ("a-p1", None)
+    assert split_sound("a-p1-p1", known) == ("a-p1", 1)
+    assert split_sound("zinc-p1", known) == (None, None)
+
+
+def test_silence_is_a_sound_too():
+    data, levels = wav_bytes(np.zeros(1000), 44_100)
+    assert levels["gain"] == 1.0
+    assert levels["rms_dbfs"] is None
+    assert not soundfile.read(io.BytesIO(data))[0].any()
+
+
+def test_spectrogram_shows_the_partials():
+    sound = impact_sound([800.0, 3000.0], [4.0, 4.0], 44_100, max_s=1.0, weights=[1.0, 4.0])
+    levels = mel_levels(sound.samples, 44_100, rows=128)
+    middle = levels[:, levels.shape[1] // 2]
+    centres = (np.arange(128) + 0.5) * mel(22_050) / 128
+    loud = centres[middle > middle.max() - 12]
+    assert all(min(abs(value - mel(800)), abs(value - mel(3000))) < 2 * mel(22_050) / 128 for value in loud)
+    assert len(loud) >= 2
+    falling = levels.max(axis=0)[5:-20:40]
+    assert (np.diff(falling) < 0).all()
+
+
+@pytest.mark.parametrize("count", [5, 300, 882, 44_100, 200_000])
+def test_spectrogram_picture_of_any_length(count):
+    samples = np.random.default_rng(1).normal(size=count) * np.exp(-np.arange(count) / (0.2 * count))
+    data = spectrogram_png(samples, 44_100, width_px=300, height_px=150)
+    assert Image.open(io.BytesIO(data)).size == (300, 150)
+    assert len(data) < 30_000
+    assert data == spectrogram_png(samples, 44_100, width_px=300, height_px=150)
+
+
+def test_spectrogram_of_silence_and_of_nothing():
+    assert (mel_levels(np.zeros(5000), 44_100) == FLOOR_DB).all()
+    assert spectrogram_png(np.zeros(5000), 44_100)
+    with pytest.raises(ValueError, match="list of samples"):
+        spectrogram_png(np.zeros(0), 44_100)

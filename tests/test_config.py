@@ -1,0 +1,207 @@
+"""The configuration: defaults, every kind of mistake in one sentence, and generated files that have not drifted."""
+
+from __future__ import annotations
+
+import jsonschema
+import pytest
+import yaml
+
+from vibraverse.config import Config, ConfigError, load, parse, schema_text, validate
+from vibraverse.config.dataset import ShardOptions
+from vibraverse.config.reference import markdown
+from vibraverse.physics.materials import MATERIALS
+
+OWN = {"density_kg_m3": 1000, "young_pa": 1e9, "poisson": 0.3, "alpha_per_s": 1, "beta_s": 1e-7}
+
+
+def test_an_empty_configuration_is_the_default_run():
+    config = parse({})
+    assert list(config.materials) == ["ceramic", "glass", "wood", "steel"]
+    assert config.materials["wood"].young_pa == MATERIALS["wood"]["young_pa"]
+    assert config.sources.generated.count == 8
+    assert config.sources.bundled == ["nut", "airplane", "ant"]
+    assert config.solidities == ["solid", "hollow"]
+    assert parse(None) == config
+
+
+def test_materials_of_the_table_and_your_own():
+    config = parse({"materials": {"tin": None, "jelly": OWN}})
+    assert config.materials["tin"].density_kg_m3 == 7265
+    assert config.materials["jelly"].young_pa == 1e9
+
+
+def test_numbers_that_yaml_takes_for_text(tmp_path):
+    # YAML reads 2e11 (no dot, no sign) as text; a modulus written so is a number all the same.
+    path = tmp_path / "config.yaml"
+    path.write_text(yaml.safe_dump({"materials": {"x": OWN}}).replace("1000000000.0", "2e11"))
+    assert yaml.safe_load(path.read_text())["materials"]["x"]["young_pa"] == "2e11"
+    assert load(path).materials["x"].young_pa == 2e11
+
+
+@pytest.mark.parametrize(
+    ("values", "sentence"),
+    [
+        ({"sourcess": {}}, "unknown key 'sourcess'; did you mean 'sources'? (known: results, sources, "),
+        (
+            {"dataset": {"shard": 3}},
+            "unknown key 'dataset.shard'; did you mean 'shards'? (known: shards, splits, ",
+        ),
+        ({"sources": {"files": [{"pat": "x"}]}}, "unknown key 'sources.files[0].pat'; did you mean 'path'?"),
+        ({"sources": {"files": [{"path": "a"}, {}]}}, "sources.files[1].path is missing"),
+        (
+            {"materials": {"own": {**OWN, "alpha": 1}}},
+            "unknown key 'materials.own.alpha'; did you mean 'alpha_per_s'?",
+        ),
+        (
+            {"materials": {"stell": None}},
+            "materials: unknown material 'stell'; did you mean 'steel'? (known: ceramic,",
+        ),
+        (
+            {"materials": {"own": {**OWN, "density_kg_m3": -1}}},
+            "materials.own.density_kg_m3 must be greater than 0, not -1",
+        ),
+        (
+            {"materials": {"own": {**OWN, "poisson": 0.5}}},
+            "materials.own.poisson must be less than 0.5, not 0.5",
+        ),
+        (
+            {"materials": {"own": {**OWN, "poisson": -1}}},
+            "materials.own.poisson must be greater than -1, not -1",
+        ),
+        ({"materials": {"own": {"density_kg_m3": 1}}}, "materials.own.young_pa is missing"),
+        ({"materials": {"own": 5}}, "materials.own must hold keys and values, not 5"),
+        ({"materials": {}}, "materials must hold 1 or more, not nothing"),
+        (
+            {"materials": {"a b": OWN}},
+            "materials: the material name 'a b' may hold only letters, digits, '-' and '_'",
+        ),
+        ({"materials": ["steel"]}, 'materials must hold keys and values, not ["steel"]'),
+        ({"solidities": ["hollo"]}, "solidities: unknown solidity 'hollo'; did you mean 'hollow'?"),
+        ({"solidities": "solid"}, 'solidities must be a list, not "solid"'),
+        ({"dataset": {"shards": "four"}}, 'dataset.shards must be a whole number, not "four"'),
+        ({"dataset": {"shards": 2.5}}, "dataset.shards must be a whole number, not 2.5"),
+        ({"dataset": {"shards": 0}}, "dataset.shards must be at least 1, not 0"),
+        ({"dataset": {"max_refused_share": 1.5}}, "dataset.max_refused_share must be at most 1, not 1.5"),
+        ({"dataset": {"splits": {"a": 0.5}}}, "dataset.splits: the shares must add up to 1, not 0.5"),
+        (
+            {"dataset": {"splits": {"a": -1, "b": 2}}},
+            "dataset.splits: the share of 'a' must not be negative, not -1",
+        ),
+        (
+            {"dataset": {"splits": {"a\tb": 1}}},
+            "dataset.splits: the split name 'a\\tb' may hold only letters,",
+        ),
+        ({"basis": {"order": 3}}, "basis.order must be 1 or 2, not 3"),
+        ({"basis": {"poisson_nodes": [0.1, 0.5]}}, "basis.poisson_nodes[1] must be less than 0.5, not 0.5"),
+        ({"sources": {"generated": {"families": 5}}}, "sources.generated.families must be a list, not 5"),
+        ({"audio": {"points": [[0, 0]]}}, "audio.points[0][2] is missing"),
+        ({"audio": {"max_s": float("inf")}}, "audio.max_s must be a finite number, not Infinity"),
+        ({"sources": None}, "sources must hold keys and values, not nothing"),
+        ({"results": 5}, "results must be text, not 5"),
+        ({1: 2}, "the key '1' must be text"),
+    ],
+    ids=lambda value: value[:40] if isinstance(value, str) else None,
+)
+def test_every_mistake_is_one_sentence(values, sentence):
+    with pytest.raises(ConfigError) as caught:
+        parse(values)
+    said = str(caught.value)
+    assert said.startswith(sentence)
+    assert "\n" not in said
+    assert "pydantic" not in said
+
+
+def test_a_stage_s_options_are_named_with_the_stage():
+    with pytest.raises(ConfigError, match=r"^unknown key 'dataset\.objets'; did you mean 'objects'"):
+        validate(ShardOptions, {"objets": [], "materials": ["steel"]}, prefix="dataset")
+    with pytest.raises(ConfigError, match=r"^dataset\.materials must hold 1 or more, not nothing$"):
+        validate(ShardOptions, {"materials": []}, prefix="dataset")
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("a: [1, 2\nb: 3", "is not valid YAML"),
+        ("- just\n- a list", 'must hold keys and values, not ["just", "a list"]'),
+        ("text alone", 'must hold keys and values, not "text alone"'),
+        ("dataset:\n  shardz: 1\n", "config.yaml: unknown key 'dataset.shardz'"),
+        (b"\xff\xfe\x00", "is not valid YAML"),
+    ],
+)
+def test_bad_files(tmp_path, vibraverse, content, words):
+    path = tmp_path / "config.yaml"
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    for action in ("check", "show"):
+        status, out, errors = vibraverse("config", action, path)
+        assert status == 2
+        assert words in errors
+        assert len(errors.splitlines()) == 1
+        assert out == ""
+
+
+def test_a_missing_file(tmp_path, vibraverse):
+    status, _, errors = vibraverse("config", "check", tmp_path / "none.yaml")
+    assert status == 2
+    assert errors.endswith("none.yaml does not exist\n")
+
+
+def test_check_and_show(tmp_path, vibraverse):
+    path = tmp_path / "config.yaml"
+    path.write_text("sources:\n  generated: {count: 2}\nmaterials:\n  tin:\n", encoding="utf-8")
+    assert vibraverse("config", "check", path)[:2] == (0, f"{path} is valid.\n")
+    status, out, _ = vibraverse("config", "show", path)
+    assert status == 0
+    shown = yaml.safe_load(out)
+    assert shown["sources"]["generated"]["count"] == 2
+    assert shown["materials"]["tin"]["beta_s"] == 3e-8
+    # What is shown is itself a configuration, and means the same.
+    assert parse(shown) == load(path)
+
+
+def test_the_schema_accepts_what_the_sections_accept(vibraverse):
+    status, out, _ = vibraverse("config", "schema")
+    assert status == 0
+    schema = yaml.safe_load(out)
+    jsonschema.validate(Config().model_dump(mode="json"), schema)
+    jsonschema.validate({"materials": {"tin": None}}, schema)
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate({"datasets": {}}, schema)
+
+
+def test_the_committed_schema_has_not_drifted(root):
+    committed = (root / "workflow/schemas/config.schema.json").read_text(encoding="utf-8")
+    assert committed == schema_text(), (
+        "write it again: vibraverse config schema > workflow/schemas/config.schema.json"
+    )
+
+
+def test_the_documentation_has_not_drifted(root, vibraverse):
+    text = (root / "docs/configuration.md").read_text(encoding="utf-8")
+    assert markdown() in text, "docs/configuration.md: replace its tables by `vibraverse config reference`"
+    assert vibraverse("config", "reference")[1] == markdown()
+
+
+def test_every_key_is_explained():
+    rows = [line.split(" | ") for line in markdown().splitlines() if line.startswith("| `")]
+    assert len(rows) > 40
+    assert [row[0] for row in rows if len(row[2]) < 8] == []
+
+
+def test_the_table_of_materials(vibraverse):
+    status, out, _ = vibraverse("materials")
+    lines = out.splitlines()
+    assert status == 0
+    assert len(lines) == 1 + len(MATERIALS)
+    assert lines[0].split() == [
+        "material",
+        "density",
+        "kg/m³",
+        "Young",
+        "Pa",
+        "Poisson",
+        "alpha",
+        "1/s",
+        "beta",
+        "s",
+    ]
+    assert lines[1].split() == ["ceramic", "2700", "7.2e+10", "0.19", "6", "1e-07"]

@@ -1,0 +1,91 @@
+"""``vibraverse refusals``: listing by reason, running again, judging the share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import make_products
+from vibraverse.refusal import read_refusal
+
+
+@pytest.fixture
+def results(tmp_path) -> Path:
+    # The listing looks at refusals and at what exists, so most products may be absent.
+    for object_id in ("bar-0000", "cup-0000"):
+        path = tmp_path / "objects" / object_id / "source.json"
+        path.parent.mkdir(parents=True)
+        path.write_text("{}")
+    make_products.make(tmp_path, objects=("leaf",))
+    make_products._refuse(
+        make_products.Paths(tmp_path), "ball-0000", "hollow", "too_thin", "The wall is too thin."
+    )
+    return tmp_path
+
+
+def refused_files(results: Path) -> set[str]:
+    return {str(path.relative_to(results)) for path in results.rglob("*") if read_refusal(path)}
+
+
+def test_listing_by_reason(results, vibraverse):
+    status, out, _ = vibraverse("refusals", "--results", results)
+    assert status == 0
+    assert out.startswith("1 of 4 objects refused, 1 more in part.")
+    assert "not_a_solid (1): the shape bounds no volume" in out
+    assert "leaf, at clean: leaf.obj is flat: it bounds no volume.\n      Use a closed mesh" in out
+    assert "ball-0000 (hollow), at hollow: The wall is too thin." in out
+
+
+def test_nothing_refused(results, vibraverse):
+    _, out, _ = vibraverse("refusals", "--results", results, "--objects", "bar-0000", "cup-0000")
+    assert out == "0 of 2 objects refused, 0 more in part.\n"
+
+
+def test_a_body_counts_when_it_is_the_only_one(results, vibraverse):
+    _, out, _ = vibraverse("refusals", "--results", results, "--solidities", "hollow")
+    assert out.startswith("2 of 4 objects refused, 0 more in part.")
+
+
+@pytest.mark.parametrize(("limit", "expected"), [("0.25", 0), ("0.2", 1), ("1", 0), ("0", 1)])
+def test_check(results, vibraverse, limit, expected):
+    status, out, _ = vibraverse("refusals", "--results", results, "--check", limit)
+    assert status == expected
+    assert ("Too much is refused: 1 of 4 objects (25%)" in out) == bool(expected)
+
+
+def test_retry_all_deletes_refused_products_and_nothing_else(results, vibraverse):
+    before = {path for path in results.rglob("*") if path.is_file()}
+    refused = refused_files(results)
+    assert "objects/leaf/solid/modes.h5" in refused
+    status, out, _ = vibraverse("refusals", "--results", results, "--retry")
+    assert status == 0
+    assert out == f"Deleted {len(refused)} refused products of 2 objects; the next run makes them again.\n"
+    assert refused_files(results) == set()
+    after = {path for path in results.rglob("*") if path.is_file()}
+    assert {str(path.relative_to(results)) for path in before - after} == refused
+    assert vibraverse("refusals", "--results", results, "--retry")[1] == "Nothing to retry.\n"
+
+
+@pytest.mark.parametrize("name", ["too_thin", "ball-0000"])
+def test_retry_some(results, vibraverse, name):
+    vibraverse("refusals", "--results", results, "--retry", name)
+    left = refused_files(results)
+    assert left
+    assert all(path.startswith("objects/leaf/") for path in left)
+
+
+def test_mistakes_are_one_sentence(results, vibraverse):
+    for arguments, words in (
+        (("--retry", "to_thin"), "unknown reason or object 'to_thin'; did you mean 'too_thin'?"),
+        (("--objects", "leaff"), "unknown object 'leaff'; did you mean 'leaf'?"),
+        (("--check", "1.5"), "a share lies between 0 and 1, not '1.5'"),
+    ):
+        status, out, errors = vibraverse("refusals", "--results", results, *arguments)
+        assert status == 2
+        assert words in errors
+        assert out == ""
+    assert refused_files(results)
+    status, _, errors = vibraverse("refusals", "--results", results / "nowhere")
+    assert status == 2
+    assert "there are no objects in" in errors

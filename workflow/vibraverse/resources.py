@@ -1,0 +1,26 @@
+"""Resource classes of the rules: how much memory and time a kind of job asks for.
+
+A workstation schedules by threads; a cluster takes these as limits. Memory doubles and time grows with every
+attempt, because only a failing machine makes a job run again.
+"""
+
+from __future__ import annotations
+
+#: Class -> memory in MB and minutes of the first attempt.
+CLASSES = {
+    "light": (1000, 10),
+    "geometry": (4000, 30),
+    "solver": (6000, 60),
+    "render": (2000, 20),
+    "collect": (4000, 60),
+}
+
+
+def memory(kind: str):
+    """Return the memory in MB of a class, as a function of the attempt."""
+    return lambda wildcards, attempt: CLASSES[kind][0] * 2 ** (attempt - 1)
+
+
+def minutes(kind: str):
+    """Return the run time in minutes of a class, as a function of the attempt."""
+    return lambda wildcards, attempt: CLASSES[kind][1] * attempt
