@@ -62,14 +62,14 @@ def make(results: Path, objects=OBJECTS, views: int = 3) -> Paths:
     paths = Paths(results)
     for object_id in objects:
         if object_id == "leaf":
-            _refuse(paths, object_id, "clean", "not_a_solid", "leaf.obj is flat: it bounds no volume.")
+            refuse(paths, object_id, "clean", "not_a_solid", "leaf.obj is flat: it bounds no volume.")
             continue
         shape = _SHAPES.get(object_id, _SHAPES["ball-0000"])()
         vertices, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
         _object(paths, object_id, vertices, faces, views)
         _body(paths, object_id, "solid", vertices, faces)
         if object_id.startswith("ball"):
-            _refuse(paths, object_id, "hollow", "too_thin", "The wall of ball-0000 would be too thin.")
+            refuse(paths, object_id, "hollow", "too_thin", "The wall of ball-0000 would be too thin.")
         else:
             _body(paths, object_id, "hollow", vertices, faces)
     return paths
@@ -133,7 +133,7 @@ def frequencies(object_id: str, solidity: str, material: dict, size_m: float = S
     return spread * softer * np.sqrt(material["young_pa"] / material["density_kg_m3"]) / size_m
 
 
-def _refuse(paths: Paths, object_id: str, stage: str, reason: str, message: str) -> None:
+def refuse(paths: Paths, object_id: str, stage: str, reason: str, message: str) -> None:
     """Put a refusal where the products of ``stage`` and of all later stages would be."""
     text = Refusal(object_id, stage, reason, message, "Use a closed mesh with a thicker wall.").to_text()
     below = ("hollow_surface", "hollow_record", "tets", "tets_record", "basis", "modes", "audio_record")

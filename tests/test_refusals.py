@@ -18,7 +18,7 @@ def results(tmp_path) -> Path:
         path.parent.mkdir(parents=True)
         path.write_text("{}")
     make_products.make(tmp_path, objects=("leaf",))
-    make_products._refuse(
+    make_products.refuse(
         make_products.Paths(tmp_path), "ball-0000", "hollow", "too_thin", "The wall is too thin."
     )
     return tmp_path

@@ -168,7 +168,8 @@ def test_all_frequencies_are_listed_for_solid_and_hollow(browser):
         card.querySelector(".row[data-material=wood] .material").click();
         card.querySelector("details").open = true;
         card.querySelector("details").dispatchEvent(new Event("toggle"));
-        return [...card.querySelectorAll(".table tbody tr")].map((row) => [...row.children].map((cell) => cell.textContent));
+        const texts = (row) => [...row.children].map((cell) => cell.textContent);
+        return [...card.querySelectorAll(".table tbody tr")].map(texts);
         """
     )
     assert [row[0] for row in rows] == [str(number) for number in range(1, 65)]
