@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import make_products
+from vibraverse import products
 from vibraverse.refusal import read_refusal
 
 
@@ -52,6 +53,34 @@ def test_check(results, vibraverse, limit, expected):
     status, out, _ = vibraverse("refusals", "--results", results, "--check", limit)
     assert status == expected
     assert ("Too much is refused: 1 of 4 objects (25%)" in out) == bool(expected)
+
+
+def test_a_finished_dataset_s_own_count(tmp_path, vibraverse):
+    paths = make_products.build(tmp_path)
+    (tmp_path / "objects/left-over-0000").mkdir()  # an object of an earlier configuration does not count
+    verdict = tmp_path / "verdict.json"
+    arguments = ("refusals", "--record", paths.dataset_record, "--verdict", verdict, "--check")
+    vibraverse()  # forget what the stages said
+    status, out, _ = vibraverse(*arguments, "0.4")
+    assert status == 0
+    assert out.startswith("1 of 3 objects refused, 1 more in part.")
+    assert "ball-0000 (hollow), at hollow: The wall of ball-0000 would be too thin." in out
+    assert products.read_json(verdict) == {
+        "accepted": True,
+        "objects": 3,
+        "refused_objects": 1,
+        "refused_share": 1 / 3,
+        "max_refused_share": 0.4,
+        "refusals_by_reason": {"not_a_solid": 1, "too_thin": 1},
+    }
+    status, out, _ = vibraverse(*arguments, "0.3")
+    assert status == 1
+    assert out.endswith(
+        "Too much is refused: 1 of 3 objects (33%), and at most 30% is accepted (dataset.max_refused_share).\n"
+    )
+    assert products.read_json(verdict)["accepted"] is False
+    assert vibraverse("refusals", "--record", tmp_path / "none.json")[0] == 2
+    assert vibraverse("refusals", "--record", paths.dataset_record, "--retry")[0] == 2
 
 
 def test_retry_all_deletes_refused_products_and_nothing_else(results, vibraverse):

@@ -269,7 +269,7 @@ def test_links_that_go_round_in_circles(tmp_path):
     (tmp_path / "in" / "up").symlink_to(tmp_path)
     (tmp_path / "in" / "gone.obj").symlink_to(tmp_path / "nowhere")
     assert set(find(str(tmp_path / "in"))) == {"a", "up-outside-b"}
-    assert set(find(str(tmp_path / "in" / "**" / "*.obj"))) >= {"a"}
+    assert set(find(str(tmp_path / "in" / "**" / "*.obj"))) == {"a"}
 
 
 def test_glob_and_file(tmp_path):

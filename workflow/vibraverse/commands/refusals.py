@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import dataclass
 from pathlib import Path
 
+from vibraverse import products
 from vibraverse.cli import UsageError
 from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
+from vibraverse.dataset.schema import REFUSAL_COLUMNS
+from vibraverse.dataset.tables import from_tsv
 from vibraverse.paths import SOLIDITIES, Paths
 from vibraverse.refusal import REASONS, read_refusal
 
@@ -42,40 +46,100 @@ def main(argv: list[str]) -> int:
         metavar="SHARE",
         help="exit 1 when more than this share of the objects is refused",
     )
+    parser.add_argument(
+        "--record", type=Path, metavar="FILE", help="count from this dataset.json, not from the products"
+    )
+    parser.add_argument(
+        "--verdict", type=Path, metavar="FILE", help="write the counts and the outcome here (JSON)"
+    )
     chosen = parser.parse_args(argv)
 
-    paths = Paths(chosen.results)
-    existing = objects_in(paths)
-    if not existing:
-        raise UsageError(
-            f"there are no objects in {chosen.results}/objects; is --results the folder of a run?"
+    if chosen.record is not None:
+        if chosen.retry is not None:
+            parser.error("--retry looks at the products, not at --record")
+        state = _recorded(chosen.record)
+    else:
+        paths = Paths(chosen.results)
+        found = _scan(paths, chosen.objects, chosen.solidities)
+        if chosen.retry is not None:
+            return _retry(paths, found, chosen.retry)
+        rows = [row for object_id, refusals in found.items() for row in refusals.rows(object_id)]
+        gone = sum(refusals.is_refused(chosen.solidities) for refusals in found.values())
+        state = State(len(found), gone, rows)
+    print(listing(state), end="")
+    accepted = chosen.check is None or state.share <= chosen.check
+    if not accepted:
+        print(
+            f"\nToo much is refused: {state.refused} of {state.objects} objects ({state.share:.0%}), and at most "
+            f"{chosen.check:.0%} is accepted (dataset.max_refused_share)."
         )
-    objects = chosen.objects or existing
-    for object_id in objects:
-        _known(object_id, existing, "object")
-    found = {object_id: refusals_of(paths, object_id, chosen.solidities) for object_id in objects}
-    if chosen.retry is not None:
-        return _retry(paths, found, chosen.retry)
-    print(listing(found, chosen.solidities), end="")
-    return 0 if chosen.check is None else _check(found, chosen.solidities, chosen.check)
+    if chosen.verdict is not None:
+        verdict = {
+            "accepted": accepted,
+            "objects": state.objects,
+            "refused_objects": state.refused,
+            "refused_share": state.share,
+            "max_refused_share": chosen.check,
+            "refusals_by_reason": {reason: len(rows) for reason, rows in state.by_reason().items()},
+        }
+        products.write_json(chosen.verdict, verdict)
+    return 0 if accepted else 1
 
 
-def listing(found: dict[str, Refusals], solidities=SOLIDITIES) -> str:
-    """Return the refusals as text, grouped by reason, most frequent first."""
-    by_reason: dict[str, list[dict]] = {}
-    for object_id, refusals in found.items():
-        for row in refusals.rows(object_id):
-            by_reason.setdefault(row["reason"], []).append(row)
-    gone = sum(refusals.is_refused(solidities) for refusals in found.values())
-    partly = sum(bool(refusals.bodies) for refusals in found.values() if not refusals.is_refused(solidities))
-    lines = [f"{gone} of {len(found)} objects refused, {partly} more in part."]
-    for reason, rows in sorted(by_reason.items(), key=lambda item: (-len(item[1]), item[0])):
+@dataclass(frozen=True)
+class State:
+    """How many objects there are, of how many nothing is left, and the rows of ``refusals.tsv``."""
+
+    objects: int
+    refused: int
+    rows: list[dict]
+
+    @property
+    def share(self) -> float:
+        """Share of the objects of which nothing is left."""
+        return self.refused / self.objects if self.objects else 0.0
+
+    def by_reason(self) -> dict[str, list[dict]]:
+        """Return the rows by reason, most frequent first."""
+        groups: dict[str, list[dict]] = {}
+        for row in self.rows:
+            groups.setdefault(row["reason"], []).append(row)
+        return dict(sorted(groups.items(), key=lambda item: (-len(item[1]), item[0])))
+
+
+def listing(state: State) -> str:
+    """Return the refusals as text, grouped by reason."""
+    partly = len({row["object"] for row in state.rows}) - state.refused
+    lines = [f"{state.refused} of {state.objects} objects refused, {partly} more in part."]
+    for reason, rows in state.by_reason().items():
         lines += ["", f"{reason} ({len(rows)}): {REASONS[reason]}"]
         for row in rows:
             name = f"{row['object']} ({row['solidity']})" if row["solidity"] else row["object"]
             lines.append(f"  {name}, at {row['stage']}: {row['message']}")
             lines += [f"      {row['advice']}"] if row["advice"] else []
     return "\n".join(lines) + "\n"
+
+
+def _recorded(record: Path) -> State:
+    """Return the state a finished dataset states, in ``dataset.json`` and the table beside it."""
+    table = record.with_name("refusals.tsv")
+    for path in (record, table):
+        if not path.is_file():
+            raise UsageError(f"{path} does not exist; is the dataset finished?")
+    counts = products.read_json(record)["counts"]
+    rows = from_tsv(table.read_text(encoding="utf-8"), REFUSAL_COLUMNS)
+    return State(counts["objects"] + counts["refused_objects"], counts["refused_objects"], rows)
+
+
+def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refusals]:
+    existing = objects_in(paths)
+    if not existing:
+        raise UsageError(
+            f"there are no objects in {paths.results}/objects; is --results the folder of a run?"
+        )
+    for object_id in objects or ():
+        _known(object_id, existing, "object")
+    return {object_id: refusals_of(paths, object_id, solidities) for object_id in objects or existing}
 
 
 def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
@@ -95,18 +159,6 @@ def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
     else:
         print("Nothing to retry.")
     return 0
-
-
-def _check(found: dict[str, Refusals], solidities, limit: float) -> int:
-    gone = sum(refusals.is_refused(solidities) for refusals in found.values())
-    share = gone / len(found)
-    if share <= limit:
-        return 0
-    print(
-        f"\nToo much is refused: {gone} of {len(found)} objects ({share:.0%}), and at most {limit:.0%} is accepted "
-        "(dataset.max_refused_share)."
-    )
-    return 1
 
 
 def _share(text: str) -> float:

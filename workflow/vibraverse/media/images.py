@@ -99,7 +99,7 @@ def studio(height: int = 128) -> np.ndarray:
     """
     elevation = (0.5 - (np.arange(height) + 0.5) / height)[:, None] * math.pi
     azimuth = (1.5 - (np.arange(2 * height) + 0.5) / height)[None, :] * math.pi
-    sky = 0.20 + 0.45 * np.clip(np.sin(elevation), 0, None) - 0.12 * np.clip(-np.sin(elevation), 0, 1) ** 0.5
+    sky = 0.20 + 0.30 * np.clip(np.sin(elevation), 0, None) - 0.12 * np.clip(-np.sin(elevation), 0, 1) ** 0.5
 
     def box(azimuth_deg, elevation_deg, width_deg, height_deg, radiance, colour, soft_deg=3.0):
         across = (azimuth - math.radians(azimuth_deg) + math.pi) % (2 * math.pi) - math.pi
@@ -110,7 +110,7 @@ def studio(height: int = 128) -> np.ndarray:
         return radiance * inside[:, :, None] * np.array(colour)
 
     light = (sky + 0 * azimuth)[:, :, None] * np.array([0.97, 0.99, 1.03])
-    light = light + box(-55, 38, 44, 36, 13.0, (1.0, 0.97, 0.93))
+    light = light + box(-58, 36, 44, 36, 12.0, (1.0, 0.97, 0.93))
     light = light + box(60, 15, 20, 80, 1.8, (0.93, 0.97, 1.0))
     light = light + box(150, 30, 30, 60, 3.5, (1.0, 1.0, 1.0)) + box(-140, 25, 20, 70, 2.0, (0.95, 0.98, 1.0))
     return np.ascontiguousarray(light, dtype=np.float32)

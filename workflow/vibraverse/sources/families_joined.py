@@ -267,7 +267,7 @@ class Triangle(Shape):
             path.extend((1 - s) ** 2 * a + 2 * s * (1 - s) * at + s**2 * b)
         path.append(corners[0])
         path = np.array(path)
-        return tube(_upright(path), self.rod, 0.018)
+        return tube(_upright(path), self.rod, 0.012)
 
 
 @dataclass(frozen=True)

@@ -39,7 +39,8 @@ class NoMeshes(ValueError):
 def find(path: str) -> dict[str, Path]:
     """Return the mesh files at ``path`` (a file, a folder with its subfolders, or a glob), by object id.
 
-    Hidden files and folders are left out, links are followed without going round in circles. Sorted by id.
+    Hidden files and folders are left out. Links to folders are followed, but not in circles and not by a
+    glob's ``**``. Sorted by id.
     Raises :class:`NoMeshes` when there is nothing.
     """
     given = Path(path).expanduser()
@@ -53,10 +54,11 @@ def find(path: str) -> dict[str, Path]:
             raise NoMeshes(f"the folder {path} holds no mesh files ({_known()})")
         return identify(files, given)
     if glob.has_magic(str(given)):
-        files = _matching(str(given))
+        base = _fixed_part(given)
+        files = _matching(base, given)
         if not files:
             raise NoMeshes(f"no mesh file matches {path} ({_known()})")
-        return identify(files, _fixed_part(given))
+        return identify(files, base)
     raise NoMeshes(f"there is no file or folder {path}")
 
 
@@ -151,13 +153,12 @@ def _walk(root: Path):
                 yield Path(entry.path)
 
 
-def _matching(pattern: str) -> list[Path]:
-    """Return the mesh files a glob matches; of several names of one file only the shortest counts."""
-    by_file: dict[str, str] = {}
-    for name in sorted(glob.iglob(pattern, recursive=True), key=lambda name: (len(name), name)):
-        if os.path.isfile(name) and is_mesh(os.path.basename(name)):
-            by_file.setdefault(os.path.realpath(name), name)
-    return [Path(name) for name in by_file.values()]
+def _matching(base: Path, pattern: Path) -> list[Path]:
+    """Return the mesh files below ``base`` that a glob matches; ``**`` does not follow links."""
+    found = base.glob(str(pattern.relative_to(base)))
+    files = [path for path in found if is_mesh(path.name) and path.is_file()]
+    hidden = [any(part.startswith(".") for part in path.relative_to(base).parts) for path in files]
+    return [path for path, skip in zip(files, hidden, strict=True) if not skip]
 
 
 def _fixed_part(pattern: Path) -> Path:
