@@ -6,7 +6,7 @@ CORES ?= all
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
 .PHONY: help env demo test lint lock clean dev learn
-unexport PYTHONPATH PYTHONHOME
+unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
 # The environment's commands first, so that rules and tests find `vibraverse`.
 IN_VENV = PATH="$$(realpath '$(VENV)')/bin:$$PATH"

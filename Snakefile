@@ -1,4 +1,6 @@
 # From a folder of meshes to a dataset and its report. Rules are contracts: each calls one `vibraverse` subcommand.
+import os
+
 from snakemake.utils import min_version
 
 min_version("9.20")
@@ -28,10 +30,11 @@ rule all:
 
 
 onsuccess:
-    shell("vibraverse refusals --results {plan.paths.results:q} --summary")
-    print(f"Report: {plan.paths.report}")
+    if os.path.exists(paths.dataset_record):
+        shell("vibraverse refusals --record {paths.dataset_record:q}")
+        print(f"The report: {paths.report}")
 
 
 onerror:
     print("The run did not finish. What is done stays; the same command goes on from here.")
-    print(f"Logs: {plan.paths.results}/logs")
+    print(f"Logs: {paths.results}/logs")

@@ -54,4 +54,4 @@ rule verdict:
     message:
         "the verdict on the run"
     shell:
-        "vibraverse refusals --record {input.record:q} --check {params.share} --verdict {output.verdict:q} 2> {log}"
+        "vibraverse refusals --record {input.record:q} --check {params.share} --verdict {output.verdict:q} > {log} 2>&1"

@@ -8,20 +8,20 @@ rule sources:
     output:
         mesh=paths.source_mesh,
         record=paths.source_record,
-    params:
-        file=lambda wildcards, input: f"--file {quote(str(input.file))}" if input.file else "",
-        options=lambda wildcards: plan.options("sources", object_=wildcards.object),
-        version=VERSIONS["sources"],
     log:
         paths.log("sources", "object"),
     benchmark:
         paths.benchmark("sources", "object")
+    conda:
+        "../../envs/geometry.yaml"
     threads: 1
     resources:
         mem_mb=memory("light"),
         runtime=minutes("light"),
-    conda:
-        "../../envs/geometry.yaml"
+    params:
+        file=lambda wildcards, input: f"--file {quote(str(input.file))}" if input.file else "",
+        options=lambda wildcards: plan.options("sources", object_=wildcards.object),
+        version=VERSIONS["sources"],
     message:
         "{wildcards.object}: get the mesh"
     shell:

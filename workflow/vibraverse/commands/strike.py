@@ -10,7 +10,6 @@ import argparse
 import contextlib
 import importlib
 import io
-import os
 import shutil
 import sys
 import tempfile
@@ -35,6 +34,18 @@ _OVERRIDES = {
     "poisson": "poisson",
     "alpha_per_s": "alpha",
     "beta_s": "beta",
+}
+#: Configuration keys and the options that set them, for sentences about mistakes.
+_FLAGS = {
+    "size_m": "--size",
+    "modes": "--modes",
+    "order": "--order",
+    "target_elements": "--elements",
+    "density_kg_m3": "--density",
+    "young_pa": "--young",
+    "poisson": "--poisson",
+    "alpha_per_s": "--alpha",
+    "beta_s": "--beta",
 }
 
 
@@ -91,7 +102,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--threads",
         type=int,
-        default=min(4, os.cpu_count() or 1),
+        default=1,
         metavar="N",
         help="threads (default %(default)s)",
     )
@@ -145,16 +156,17 @@ class _Strike:
         nodes = list(Basis().poisson_nodes)
         if not min(nodes) <= self.material.poisson <= max(nodes):
             nodes.append(self.material.poisson)
+        if arguments.hollow is not None and not 0 < arguments.hollow < 1:
+            raise UsageError(f"--hollow must lie between 0 and 1, not {arguments.hollow:g}")
         thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
         try:
             self.options = {
                 "sources": SourceEntry(origin="files"),
-                "hollow": validate(Hollow, thickness, "--hollow"),
-                "tets": validate(Tets, {"target_elements": arguments.elements}, "--elements"),
+                "hollow": validate(Hollow, thickness),
+                "tets": validate(Tets, {"target_elements": arguments.elements}),
                 "basis": validate(
                     Basis,
                     {"order": arguments.order, "modes": arguments.modes, "poisson_nodes": nodes},
-                    "strike",
                 ),
                 "modes": validate(
                     Modes,
@@ -163,11 +175,10 @@ class _Strike:
                         "size_m": arguments.size,
                         "modes": arguments.modes,
                     },
-                    "strike",
                 ),
             }
         except ConfigError as error:
-            raise UsageError(str(error)) from None
+            raise UsageError(_as_flag(str(error))) from None
         self.output = arguments.output or Path(f"{self.mesh.stem}-{self.material_name}.wav")
         for path in (self.output, *([Path(arguments.json)] if arguments.json not in (None, "-") else [])):
             if not path.absolute().parent.is_dir():
@@ -182,7 +193,7 @@ class _Strike:
         try:
             return validate(Material, values)
         except ConfigError as error:
-            raise UsageError(str(error)) from None
+            raise UsageError(_as_flag(str(error))) from None
 
     @staticmethod
     def _point(text: str | None) -> tuple[float, float, float] | None:
@@ -296,6 +307,12 @@ class _Strike:
             "duration_s": rendered["duration_s"],
             "warnings": warnings,
         }
+
+
+def _as_flag(sentence: str) -> str:
+    """Return a sentence about a configuration key as one about the option that set it."""
+    key, _, rest = sentence.partition(" ")
+    return f"{_FLAGS.get(key.rstrip(':'), key)} {rest}"
 
 
 def _tell(facts: dict, output: Path, stream) -> None:

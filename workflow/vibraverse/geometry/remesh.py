@@ -61,7 +61,7 @@ def _mmg(
     """Run Mmg's surface remesher with a wanted size (V,) at every vertex."""
     from mmgpy import MmgMeshS
 
-    mesh = MmgMeshS(np.ascontiguousarray(vertices, dtype=np.float64), faces.astype(np.int32))
+    mesh = MmgMeshS(np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int32))
     mesh["metric"] = sizes[:, None]
     mesh.remesh(
         hmax=float(sizes.max()),

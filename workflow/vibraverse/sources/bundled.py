@@ -27,7 +27,7 @@ class Bundled:
 
 #: Object id -> what is known about it.
 BUNDLED = {
-    "nut": Bundled("nut.ply", "A threaded nut", "hardware", 0.03),
+    "nut": Bundled("nut.ply", "A heavy nut", "hardware", 0.12),
     "airplane": Bundled("airplane.ply", "A toy airliner", "toy", 0.25),
     "ant": Bundled("ant.ply", "A large ant", "figure", 0.12),
 }

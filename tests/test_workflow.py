@@ -1,0 +1,203 @@
+"""The whole workflow on a tiny configuration: what runs, what reruns, and what survives SIGKILL."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import shutil
+import signal
+import time
+
+import pytest
+
+from vibraverse.refusal import read_refusal
+from workflow_runs import Run
+
+LATER = {"dataset": 1, "index": 1, "report": 1, "verdict": 1, "all": 1}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, root):
+    """An undisturbed run."""
+    run = Run(tmp_path_factory.mktemp("finished"), root)
+    run()
+    return run
+
+
+@pytest.fixture
+def changed(finished):
+    """The finished run with a configuration that a test may change; nothing is executed."""
+    run = Run(finished.folder, finished.root)
+    yield run
+    Run(finished.folder, finished.root).command()  # writes the first configuration back
+
+
+def test_everything_is_made(finished):
+    results = finished.folder / "results"
+    for path in ("report/index.html", "dataset/index.tsv", "dataset/refusals.tsv", "verdict.json"):
+        assert (results / path).stat().st_size > 0
+    body = results / "objects/bar-0000/hollow"
+    assert (body / "sounds/wood.wav").stat().st_size > 1000
+    assert json.loads((results / "dataset/dataset.json").read_text())["counts"]["sounds"] == 4
+
+
+def test_logs_open_with_the_command_that_repeats_the_job(finished):
+    log = finished.folder / "results/logs/bar-0000/tets.hollow.log"
+    assert log.read_text().startswith(
+        "vibraverse tets --object bar-0000 --solidity hollow --surface results/objects/"
+    )
+
+
+def test_nothing_is_left_to_do(changed):
+    assert changed.plan()[0] == {}
+
+
+def test_a_new_material_reruns_modes_and_what_reads_them(changed):
+    changed.config["materials"]["brass"] = {
+        "density_kg_m3": 8500, "young_pa": 1.0e11, "poisson": 0.34, "alpha_per_s": 5, "beta_s": 5.0e-8,
+    }  # fmt: skip
+    assert changed.plan()[0] == {"modes": 2, "audio": 2, **LATER}
+
+
+def test_a_new_size_reruns_modes_and_what_reads_them(changed):
+    changed.config["sources"]["sizes_m"] = {"bar-0000": 0.4}
+    assert changed.plan()[0] == {"modes": 2, "audio": 2, **LATER}
+
+
+def test_a_new_object_runs_alone(changed):
+    changed.config["sources"]["generated"]["count"] = 2
+    jobs, text = changed.plan()
+    alone = {"sources": 1, "clean": 1, "grids": 1, "hollow": 1, "images": 1}
+    twice = dict.fromkeys(("tets", "basis", "modes", "audio"), 2)
+    assert jobs == {**alone, **twice, **LATER}
+    assert "bar-0001: clean the surface" in text
+    assert "bar-0000: " not in text
+
+
+@pytest.mark.parametrize(
+    ("section", "key", "value", "expected"),
+    [
+        ("dataset", "max_refused_share", 0.25, {"verdict": 1, "all": 1}),
+        ("report", "title", "Bells", {"report": 1, "verdict": 1, "all": 1}),
+        ("audio", "decay_db", 40.0, {"audio": 2, **LATER}),
+        ("images", "size_px", 96, {"images": 1, **LATER}),
+        ("sources", "objaverse", {"cache": "elsewhere"}, {}),
+    ],
+)
+def test_a_change_reruns_what_depends_on_it(changed, section, key, value, expected):
+    changed.config.setdefault(section, {})[key] = value
+    assert changed.plan()[0] == expected
+
+
+def test_editing_a_stage_version_reruns_from_there(changed, monkeypatch):
+    """Stage versions are parameters of the rules; here one is raised through a copy of the package."""
+    from vibraverse.plan import Plan
+    from vibraverse.stages import VERSIONS
+
+    assert set(VERSIONS) >= {
+        "sources",
+        "clean",
+        "grids",
+        "hollow",
+        "tets",
+        "basis",
+        "modes",
+        "audio",
+        "images",
+    }
+    for rule in VERSIONS:
+        assert f'VERSIONS["{rule}"]' in "".join(
+            path.read_text() for path in (changed.root / "workflow/rules").glob("*.smk")
+        )
+    assert Plan(changed.config).objects
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_killed_and_repeated(finished, tmp_path, seed):
+    """SIGKILL of the whole process group at a random moment; the same command finishes with the same bytes."""
+    run = Run(tmp_path, finished.root)
+    process = run.start()
+    time.sleep(random.Random(seed).uniform(6, 25))
+    if process.poll() is None:
+        os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    run()
+    assert run.checksums() == finished.checksums()
+    assert not list((tmp_path / "results").rglob(".*.partial.*"))
+
+
+def test_only_one_run_at_a_time(finished, tmp_path):
+    run = Run(tmp_path, finished.root)
+    process = run.start()
+    try:
+        lock = tmp_path / "results/.run.lock"
+        for _ in range(300):
+            if lock.is_file() and lock.read_text():
+                break
+            time.sleep(0.1)
+        second = run(check=False)
+        assert second.returncode == 1
+        assert f"another run (process {process.pid}) is working in results" in second.stdout + second.stderr
+    finally:
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        ({"materials": {"ceramik": None}}, "unknown material 'ceramik'; did you mean 'ceramic'?"),
+        (
+            {"tets": {"target_elemnts": 3}},
+            "unknown key 'tets.target_elemnts'; did you mean 'target_elements'?",
+        ),
+        ({"sources": {"files": [{"path": "no/such/folder"}]}}, "no/such/folder"),
+        ({"sources": {"files": [{"path": "*.obj"}]}}, "*.obj"),
+    ],
+)
+def test_a_bad_configuration_is_one_sentence(tmp_path, root, change, sentence):
+    run = Run(tmp_path, root)
+    run.config.update(change)
+    done = run(check=False)
+    assert done.returncode == 2
+    (said,) = [line for line in (done.stdout + done.stderr).splitlines() if "rofile" not in line]
+    assert said.startswith("vibraverse: ")
+    assert sentence in said
+    assert not (tmp_path / "results").exists()
+
+
+def test_bad_meshes_are_records_and_the_rest_goes_on(finished, tmp_path):
+    """Bad files beside a good object: each is refused, the run succeeds, and the summary says so."""
+    meshes = tmp_path / "meshes"
+    meshes.mkdir()
+    (meshes / "nothing.obj").write_bytes(b"")
+    (meshes / "text.glb").write_text("this is no glb")
+    (meshes / "cut.obj").write_text("v 0 0 0\nv 1 0 0\nf 1 2 3\n")
+    (meshes / "nan.obj").write_text("v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n")
+    (meshes / "points.ply").write_text(
+        "ply\nformat ascii 1.0\nelement vertex 1\n"
+        "property float x\nproperty float y\nproperty float z\nend_header\n0 0 0\n"
+    )
+    shutil.copytree(finished.folder / "results", tmp_path / "results")
+    run = Run(tmp_path, finished.root)
+    run.config["sources"]["files"] = [{"path": "meshes"}]
+    run.config["dataset"]["max_refused_share"] = 0.9
+    done = run()
+    objects = tmp_path / "results/objects"
+    reasons = {
+        name: read_refusal(objects / name / "surface.ply")
+        for name in ("nothing", "text", "cut", "nan", "points")
+    }
+    assert {name: refusal.reason for name, refusal in reasons.items()} == {
+        "nothing": "empty", "text": "unreadable", "cut": "unreadable", "nan": "not_finite", "points": "empty",
+    }  # fmt: skip
+    for name, refusal in reasons.items():
+        assert name in refusal.message
+        assert refusal.advice
+    assert "5 of 6 objects refused" in done.stdout + done.stderr
+    # Too many refusals fail the run loudly; repairing a file and retrying makes it again.
+    run.config["dataset"]["max_refused_share"] = 0.5
+    failed = run(check=False)
+    assert failed.returncode != 0
+    assert "Too much is refused: 5 of 6 objects (83%)" in failed.stdout + failed.stderr

@@ -1,0 +1,89 @@
+"""Running the real workflow on a tiny configuration, and reading Snakemake's own plan."""
+
+from __future__ import annotations
+
+import copy
+import hashlib
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+
+#: One small bar, linear elements, few modes: every rule runs, none for long.
+TINY = {
+    "results": "results",
+    "sources": {"generated": {"count": 1, "families": ["bar"]}, "bundled": [], "files": []},
+    "materials": {"steel": None, "wood": None},
+    "solidities": ["solid", "hollow"],
+    "tets": {"target_elements": 1200},
+    "basis": {"order": 1, "modes": 12, "poisson_nodes": [0.2, 0.35]},
+    "audio": {"max_s": 0.5},
+    "images": {"views": 1, "looks": ["clay"], "size_px": 64},
+    "dataset": {"shards": 2},
+}
+
+
+class Run:
+    """A folder in which the workflow runs with a configuration that a test may change."""
+
+    def __init__(self, folder: Path, root: Path, config: dict | None = None):
+        self.folder, self.root = folder, root
+        self.config = copy.deepcopy(config or TINY)
+
+    def command(self, *arguments: str) -> list[str]:
+        (self.folder / "config.yaml").write_text(yaml.safe_dump(self.config))
+        return [
+            sys.executable, "-m", "snakemake", "--snakefile", str(self.root / "Snakefile"),
+            "--directory", str(self.folder), "--configfile", str(self.folder / "config.yaml"),
+            "--workflow-profile", str(self.root / "workflow/profiles/default"), "--cores", "2", *arguments,
+        ]  # fmt: skip
+
+    @property
+    def environment(self) -> dict[str, str]:
+        """The environment with this interpreter's commands first, because rules call ``vibraverse``."""
+        return {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+
+    def __call__(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess:
+        done = subprocess.run(
+            self.command(*arguments),
+            cwd=self.folder,
+            env=self.environment,
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if check:
+            assert done.returncode == 0, done.stdout + done.stderr
+        return done
+
+    def start(self) -> subprocess.Popen:
+        """Start the workflow in a process group of its own."""
+        return subprocess.Popen(
+            self.command(),
+            cwd=self.folder,
+            env=self.environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+        )
+
+    def plan(self) -> tuple[dict[str, int], str]:
+        """Return the jobs Snakemake would run, counted by rule, and its whole output."""
+        done = self("--dry-run")
+        text = done.stdout + done.stderr
+        table = re.search(r"^job +count\n-+ +-+\n(.*?)^total", text, re.MULTILINE | re.DOTALL)
+        rows = dict(re.findall(r"^(\w+) +(\d+)$", table[1], re.MULTILINE)) if table else {}
+        return {rule: int(count) for rule, count in rows.items()}, text
+
+    def checksums(self) -> dict[str, str]:
+        """Return the SHA-256 of every product; logs and benchmarks hold times and do not count."""
+        results = self.folder / self.config["results"]
+        return {
+            str(path.relative_to(results)): hashlib.sha256(path.read_bytes()).hexdigest()
+            for path in sorted(results.rglob("*"))
+            if path.is_file()
+            and path.relative_to(results).parts[0] not in ("logs", "benchmarks", ".run.lock")
+        }
