@@ -161,7 +161,7 @@ def test_a_bad_configuration_is_one_sentence(tmp_path, root, change, sentence):
     run.config.update(change)
     done = run(check=False)
     assert done.returncode == 2
-    (said,) = [line for line in (done.stdout + done.stderr).splitlines() if "rofile" not in line]
+    (said,) = [line for line in (done.stdout + done.stderr).splitlines() if "onfig file" not in line and "profile" not in line]
     assert said.startswith("vibraverse: ")
     assert sentence in said
     assert not (tmp_path / "results").exists()

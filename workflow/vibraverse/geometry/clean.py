@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.geometry import repair, surfaces
-from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.remesh import move
 from vibraverse.refusal import Refused
 
@@ -189,6 +188,7 @@ def _largest_part(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> 
 
 def _wrap(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> repair.Mesh:
     """Shrink-wrap everything, as finely as the holes allow."""
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     enclosed = 0.0
     best: tuple | None = None
     for alpha, offset in reversed(_WRAPS):
@@ -200,7 +200,7 @@ def _wrap(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> repair.M
             if inside < _ENTERED * enclosed:
                 break
             judge(*wrapped)
-            wrapped = _drawn_in(vertices, faces, *wrapped)
+            wrapped = _drawn_in(*wrapped, offset * diagonal)
         except Unfit:
             continue
         enclosed = max(enclosed, inside)
@@ -211,11 +211,9 @@ def _wrap(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> repair.M
     return best[0]
 
 
-def _drawn_in(
-    vertices: np.ndarray, faces: np.ndarray, points: np.ndarray, triangles: np.ndarray
-) -> repair.Mesh:
-    """Return a wrap moved onto the soup that it surrounds, except where it would then cut itself."""
-    step = ClosestPoint(vertices, faces)(points) - points
+def _drawn_in(points: np.ndarray, triangles: np.ndarray, distance: float) -> repair.Mesh:
+    """Return a wrap moved inwards by its ``distance`` from the soup, except where it would then cut itself."""
+    step = -distance * surfaces.vertex_normals(points, triangles)
     for _ in range(_DRAW_ROUNDS):
         drawn = move(points, step, triangles)
         crossing = repair.crossing_faces(drawn, triangles)

@@ -42,7 +42,7 @@ def fill(
         try:
             gmsh.model.mesh.generate(3)
         except Exception as error:
-            raise Refused("meshing_failed", f"gmsh: {_complaint(gmsh) or error}.") from None
+            raise Refused("meshing_failed", f"gmsh: {_complaint(gmsh) or error}") from None
         return _result(gmsh)
     finally:
         gmsh.finalize()
@@ -78,7 +78,7 @@ def _result(gmsh) -> tuple[np.ndarray, np.ndarray]:
     tags, coordinates, _ = gmsh.model.mesh.getNodes()
     _, cells = gmsh.model.mesh.getElementsByType(_TETRAHEDRON)
     if not len(cells):
-        raise Refused("meshing_failed", f"gmsh made no tetrahedra: {_complaint(gmsh) or 'no reason given'}.")
+        raise Refused("meshing_failed", f"gmsh made no tetrahedra: {_complaint(gmsh) or 'no reason given'}")
     order = np.argsort(tags, kind="stable")
     cells = order[np.searchsorted(tags[order], cells)].reshape(-1, 4)
     used, cells = np.unique(cells, return_inverse=True)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from itertools import combinations
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 _FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 _EDGES = np.array(list(combinations(range(4), 2)))
@@ -43,6 +45,13 @@ def radius_ratios(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     area = (x + y + z) * (y + z - x) * (z + x - y) * (x + y - z)
     circum_times_volume = np.sqrt(np.maximum(area, 0.0)) / 24.0
     return 9.0 * volume**2 / np.maximum(areas * circum_times_volume, 1e-300)
+
+
+def parts(cells: np.ndarray, n_points: int) -> int:
+    """Return the number of connected parts, points that no tetrahedron uses counting as parts."""
+    rows, columns = np.repeat(cells[:, 0], 3), cells[:, 1:].ravel()
+    graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(n_points, n_points))
+    return int(connected_components(graph, directed=False)[0])
 
 
 def table(points: np.ndarray, cells: np.ndarray) -> dict:

@@ -81,7 +81,7 @@ def _meshlab(vertices: np.ndarray, faces: np.ndarray):
     import pymeshlab
 
     session = pymeshlab.MeshSet(verbose=False)
-    session.add_mesh(pymeshlab.Mesh(vertices, faces.astype(np.int32)))
+    session.add_mesh(pymeshlab.Mesh(vertices, np.ascontiguousarray(faces, dtype=np.int32)))
     return session
 
 

@@ -35,6 +35,14 @@ def normals_and_areas(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarr
     return cross / np.where(length > 0, length, 1.0)[:, None], 0.5 * length
 
 
+def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return unit normals at the vertices (V, 3): the sum of the normals around, weighted by area."""
+    normals, areas = normals_and_areas(vertices, faces)
+    total = np.zeros((len(vertices), 3))
+    np.add.at(total, faces.ravel(), np.repeat(normals * areas[:, None], 3, axis=0))
+    return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
+
+
 def area(vertices: np.ndarray, faces: np.ndarray) -> float:
     """Return the total area."""
     return float(normals_and_areas(vertices, faces)[1].sum())

@@ -1,8 +1,10 @@
 """From a closed surface to tetrahedra: one path for solid and hollow bodies.
 
 The surface is remade at a size that gives about the wanted number of elements, then filled. Whether a shell
-inside is a cavity makes no difference anywhere, so meshing can never tell solid from hollow. When filling
-fails, the next recipe is tried before the body is refused.
+inside is a cavity makes no difference anywhere, so meshing can never tell solid from hollow. Recipes differ in
+which edges they keep sharp: with few sharp edges triangles are better shaped, with many the shape is closer.
+The first whose triangles are well shaped is taken; when filling fails, the next one gets its turn before the body is
+refused.
 """
 
 from __future__ import annotations
@@ -12,21 +14,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.geometry import quality, surfaces
-from vibraverse.geometry.fill import fill
+from vibraverse.geometry.fill import ALGORITHMS, fill
 from vibraverse.geometry.remesh import remesh
 from vibraverse.refusal import Refused
 
-#: Remeshing options and filling algorithm, the one to prefer first.
-RECIPES = (
-    ({"deviation": 0.06, "ridge_deg": 25.0}, "delaunay"),
-    ({"deviation": 0.03, "ridge_deg": 25.0}, "delaunay"),
-    ({"deviation": 0.06, "ridge_deg": 50.0}, "delaunay"),
-    ({"deviation": 0.02, "ridge_deg": 12.0}, "delaunay"),
-    ({"deviation": 0.06, "ridge_deg": 25.0}, "hxt"),
-)
-#: The element count may miss the target by this factor before the size is tried again.
-_TOLERANCE = 1.15
-_TRIALS = 4
+#: Edges at which the normal turns by more than this many degrees stay sharp: recipes, the one to prefer first.
+RIDGES_DEG = (35.0, 50.0, 25.0, 180.0)
+#: A triangle with a smaller angle is poor, and surfaces with a larger share of poor ones are not preferred.
+_POOR_DEG, _FEW_POOR = 5.0, 3e-4
+#: The element count may miss the target by this factor before the size is tried again, at most so often.
+_TOLERANCE, _TRIALS = 1.15, 4
+#: How much gmsh's second optimiser adds to the number of elements.
+_OPTIMISED = 1.06
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,19 @@ class TetMesh:
     quality: dict
 
 
+@dataclass(frozen=True)
+class _Candidate:
+    """A remade surface, what made it, and the share of its triangles that are poor."""
+
+    ridge_deg: float
+    size: float
+    points: np.ndarray
+    triangles: np.ndarray
+    poor: float
+
+
 def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
-    """Run :func:`tetrahedralise` in a child process under ``options.limits`` (see ``vibraverse.config``)."""
+    """Run :func:`tetrahedralise` in a child process; ``options`` is the configuration's section ``tets``."""
     from vibraverse.limits import run_limited
 
     return run_limited(
@@ -59,58 +69,102 @@ def tetrahedralise(
 ) -> TetMesh:
     """Fill a closed, oriented, manifold surface with about ``target_elements`` tetrahedra.
 
-    Shells inside the outermost one are cavities and are oriented into the body's outside. Raises
+    ``vertices`` (V, 3), ``faces`` (F, 3); shells inside the outermost one are cavities, oriented into it. Raises
     :class:`Refused` with reason ``meshing_failed`` when no recipe gives valid tetrahedra whose volume differs
-    from the surface's by at most the factor ``max_volume_change``.
+    from the surface's by at most the share ``max_volume_change``.
     """
-    complaint = ""
-    for recipe, algorithm in RECIPES:
+    wanted = surfaces.volume(vertices, faces)
+    size = _first_size(surfaces.area(vertices, faces), wanted, target_elements)
+    complaints: list[str] = []
+    passed_over: list[_Candidate] = []
+    for ridge_deg in RIDGES_DEG:
         try:
-            return _by_recipe(vertices, faces, target_elements, max_volume_change, recipe, algorithm)
+            candidate = _sized(vertices, faces, ridge_deg, size, target_elements)
         except (Refused, RuntimeError) as error:
-            complaint = getattr(error, "message", str(error))
+            complaints.append(getattr(error, "message", str(error)))
+            continue
+        size = candidate.size
+        if candidate.poor > _FEW_POOR:
+            passed_over.append(candidate)
+        elif (mesh := _filled(candidate, wanted, max_volume_change, complaints)) is not None:
+            return mesh
+    for candidate in sorted(passed_over, key=lambda candidate: candidate.poor):
+        if (mesh := _filled(candidate, wanted, max_volume_change, complaints)) is not None:
+            return mesh
     raise Refused(
         "meshing_failed",
-        f"No recipe filled the surface with tetrahedra; the last one said: {complaint}",
+        f"No recipe filled the surface with tetrahedra: {'; '.join(dict.fromkeys(complaints))}.",
         "Repair or simplify the mesh, or raise tets.target_elements.",
     )
 
 
-def _by_recipe(vertices, faces, target, max_volume_change, recipe, algorithm) -> TetMesh:
-    wanted = surfaces.volume(vertices, faces)
-    size = _first_size(surfaces.area(vertices, faces), wanted, target)
-    best = None
+def _sized(vertices, faces, ridge_deg: float, size: float, target: int) -> _Candidate:
+    """Remake the surface at the size that gives about ``target`` elements, starting from ``size``."""
+    tried: list[tuple[float, float, _Candidate]] = []
     for _ in range(_TRIALS):
-        points, triangles = remesh(vertices, faces, size, **recipe)
-        count = len(fill(points, triangles, algorithm, optimise=False)[1])
-        miss = abs(np.log(count / target))
-        if best is None or miss < best[0]:
-            best = miss, points, triangles
-        if miss < np.log(_TOLERANCE):
+        points, triangles = remesh(vertices, faces, size, ridge_deg=ridge_deg)
+        excess = np.log(_OPTIMISED * len(fill(points, triangles, optimise=False)[1]) / target)
+        poor = float((_smallest_angle_deg(points, triangles) < _POOR_DEG).mean())
+        tried.append((abs(excess), excess, _Candidate(ridge_deg, size, points, triangles, poor)))
+        if abs(excess) < np.log(_TOLERANCE):
             break
-        size *= float(np.clip((count / target) ** 0.45, 0.5, 2.0))
-    _, points, triangles = best
-    nodes, cells = fill(points, triangles, algorithm)
-    _check(nodes, cells, surfaces.volume(points, triangles), wanted, max_volume_change)
-    return TetMesh(nodes, cells, quality.table(nodes, cells))
+        size *= float(np.clip(np.exp(_exponent(tried) * excess), 0.5, 2.0))
+    return min(tried, key=lambda trial: trial[0])[2]
+
+
+def _exponent(tried: list) -> float:
+    """Return by which power of the count's error the size should change, from the last two trials."""
+    if len(tried) < 2:
+        return 0.45
+    (_, before, first), (_, now, second) = tried[-2:]
+    slope = np.log(second.size / first.size) / (before - now) if before != now else 0.45
+    return float(np.clip(slope, 0.25, 1.5))
 
 
 def _first_size(area: float, volume: float, target: int) -> float:
-    """Return the edge length at which surface layer and inside together hold ``target`` elements."""
+    """Return the edge length at which surface layer and inside together hold about ``target`` elements."""
     low, high = 1e-4, 2.0
     for _ in range(60):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if 5 * area / middle**2 + 8 * volume / middle**3 > target else (low, middle)
+        low, high = (middle, high) if 8 * area / middle**2 + 8 * volume / middle**3 > target else (low, middle)
     return float(high)
+
+
+def _filled(
+    candidate: _Candidate, wanted: float, max_volume_change: float, complaints: list[str]
+) -> TetMesh | None:
+    """Fill a remade surface by the first algorithm that gives a valid mesh, or say why none does."""
+    enclosed = surfaces.volume(candidate.points, candidate.triangles)
+    for algorithm in ALGORITHMS:
+        try:
+            nodes, cells = fill(candidate.points, candidate.triangles, algorithm)
+            _check(nodes, cells, enclosed, wanted, max_volume_change)
+        except Refused as refused:
+            complaints.append(refused.message.rstrip("."))
+            continue
+        table = quality.table(nodes, cells)
+        return TetMesh(nodes, cells, {"ridge_deg": candidate.ridge_deg, "algorithm": algorithm, **table})
+    return None
 
 
 def _check(nodes, cells, enclosed: float, wanted: float, max_volume_change: float) -> None:
     """Raise when the tetrahedra are not a valid mesh of the wanted body."""
     volumes = quality.volumes(nodes, cells)
     if volumes.min() <= 0:
-        raise Refused("meshing_failed", f"{(volumes <= 0).sum()} tetrahedra are flat or turned inside out.")
+        raise Refused("meshing_failed", f"{(volumes <= 0).sum()} tetrahedra are flat or turned inside out")
     if abs(volumes.sum() - enclosed) > 1e-9 * enclosed:
-        raise Refused("meshing_failed", "The tetrahedra do not fill the surface.")
+        raise Refused("meshing_failed", "the tetrahedra do not fill the surface")
+    if quality.parts(cells, len(nodes)) != 1:
+        raise Refused("meshing_failed", "the tetrahedra fall apart")
     change = abs(volumes.sum() / wanted - 1.0)
     if change > max_volume_change:
-        raise Refused("meshing_failed", f"Remeshing changed the volume by {100 * change:.2g} %.")
+        raise Refused("meshing_failed", f"remaking the surface changed the volume by {100 * change:.2g} %")
+
+
+def _smallest_angle_deg(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the smallest angle of every triangle in degrees, (F,)."""
+    a, b, c = surfaces.edge_lengths(points, triangles).T
+    twice = 2 * surfaces.normals_and_areas(points, triangles)[1]
+    # The sine of an angle is twice the area over the product of its sides; the smallest has the longest sides.
+    largest_product = np.maximum(np.maximum(a * b, b * c), c * a)
+    return np.degrees(np.arcsin(np.clip(twice / np.maximum(largest_product, 1e-300), 0.0, 1.0)))

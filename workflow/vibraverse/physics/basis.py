@@ -20,10 +20,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.physics.eigensolver import RIGID, fix_signs, orthonormalise, project, shift_for, solve
+from vibraverse.physics.eigensolver import RIGID, fix_signs, orthonormalise, project, solve
 from vibraverse.physics.elasticity import Operators, assemble, lame, rigid_modes
 from vibraverse.physics.factorisation import factorise
-
 
 #: Modes solved for beyond those kept: where spectra cross between the nodes of ν, a mode just above the last
 #: one kept at a node is among those kept elsewhere.
@@ -34,9 +33,10 @@ _GUARD = 8
 class ModalBasis:
     """The modal basis of one body, in mesh units with E = ρ = 1.
 
-    ``a_lambda``, ``a_mu``: (r, r) reduced stiffness; ``gram``: (3r, 3r) residual norms; ``energy_poisson`` the ν of
-    their norm; ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface``: (V, 3, r) the basis on its
-    vertices; ``volume``, ``centre`` (3,), ``inertia`` (3, 3) about the centre for unit density; ``residuals`` (nodes, m) of the sparse solves.
+    ``a_lambda``, ``a_mu``: (r, r) reduced stiffness; ``gram``: (3r, 3r) residual norms, ``energy_poisson`` the ν of
+    their norm; ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface``: (V, 3, r) the basis on its vertices;
+    ``poisson_nodes`` in the order solved and ``residuals`` (nodes, m) of those solves; ``volume``, ``centre`` (3,) and
+    ``inertia`` (3, 3) about it for unit density.
     """
 
     a_lambda: np.ndarray
@@ -80,8 +80,11 @@ def build_basis(
     """
     operators = assemble(points, cells, order)
     solved = min(modes + _GUARD, max(modes, operators.unknowns - RIGID - 2))
+    # The node nearest the middle comes last: its factorisation serves the residual norms too.
+    nodes = np.asarray(poisson_nodes, dtype=float)
+    nodes = nodes[np.argsort(-np.abs(nodes - np.median(nodes)), kind="stable")]
     found, residuals, factor = [], [], None
-    for poisson in poisson_nodes:
+    for poisson in nodes:
         pairs = solve(
             operators,
             float(poisson),
@@ -96,7 +99,8 @@ def build_basis(
         found.append(pairs.vectors)
         residuals.append(pairs.residuals[:modes])
     space = _join(found, operators)
-    gram, energy_poisson = _residual_gram(space, operators, poisson_nodes, factor, factorisation)
+    energy_poisson = float(nodes[-1])
+    gram = _residual_gram(space, operators, energy_poisson, pairs.shift, factor, factorisation)
     faces, surface_nodes = boundary(cells)
     volume, centre, inertia = rigid_body(operators)
     return ModalBasis(
@@ -107,7 +111,7 @@ def build_basis(
         vertices=points[surface_nodes],
         faces=faces,
         surface=space.reshape(-1, 3, space.shape[1])[_positions(cells, surface_nodes)],
-        poisson_nodes=np.asarray(poisson_nodes, dtype=float),
+        poisson_nodes=nodes,
         residuals=np.stack(residuals),
         volume=volume,
         centre=centre,
@@ -131,24 +135,20 @@ def _join(found: list[np.ndarray], operators: Operators) -> np.ndarray:
     return fix_signs(space)
 
 
-def _residual_gram(space, operators: Operators, poisson_nodes, factor, factorisation):
-    """Return the Gram matrix of ``[K_λ U, K_μ U, M U]`` in the energy norm, and the ν of that norm."""
-    middle = float(np.median(np.asarray(poisson_nodes, dtype=float)))
-    lam, mu = lame(1.0, middle)
-    shift = shift_for(operators.stiffness(lam, mu), operators.mass, operators.nodes)
-    matrix = operators.shifted(lam, mu, shift)
+def _residual_gram(space, operators: Operators, poisson: float, shift: float, factor, factorisation):
+    """Return the Gram matrix of ``[K_λ U, K_μ U, M U]`` in the norm of ``B⁻¹``, ``B = K(ν) - σM``.
+
+    ``factor`` is the factorisation of B, or None.
+    """
+    lam, mu = lame(1.0, poisson)
     if factor is None:
-        factor = factorise(matrix, factorisation)
-    else:
-        factor.update(matrix)
+        factor = factorise(operators.shifted(lam, mu, shift), factorisation)
     parts = [operators.k_lambda @ space, operators.k_mu @ space, operators.mass @ space]
-    r = space.shape[1]
-    gram = np.empty((3 * r, 3 * r))
-    for column in range(3):
-        solved = factor.solve(parts[column])
-        for row in range(3):
-            gram[row * r : (row + 1) * r, column * r : (column + 1) * r] = parts[row].T @ solved
-    return 0.5 * (gram + gram.T), middle
+    solved_lambda, solved_mass = factor.solve(parts[0]), factor.solve(parts[2])
+    # (λ K_λ + μ K_μ - σ M) U = B U, so the third solve follows from the other two.
+    solved_mu = (space - lam * solved_lambda + shift * solved_mass) / mu
+    gram = np.block([[left.T @ right for right in (solved_lambda, solved_mu, solved_mass)] for left in parts])
+    return 0.5 * (gram + gram.T)
 
 
 def boundary(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -35,15 +35,16 @@ _BLOCK = 20
 class Eigenpairs:
     """Elastic eigenpairs, ascending: ``values`` (m,) are ω², ``vectors`` (n, m) with ``vectorsᵀ M vectors = I``.
 
-    ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``; ``method`` is the one that ran; ``factor`` is the
-    factorisation it used (None for ``dense``), to be handed to the next solve on the same mesh.
+    ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``; ``method`` is the one that ran; ``shift`` is σ
+    and ``factor`` the factorisation of ``K - σM`` (None for ``dense``), to be handed to the next solve on this mesh.
     """
 
     values: np.ndarray
     vectors: np.ndarray
     residuals: np.ndarray
     method: str
-    factor: object | None = None
+    shift: float
+    factor: object | None
 
 
 def solve(
@@ -75,12 +76,13 @@ def solve(
     stiffness, mass = operators.stiffness(*lame(1.0, poisson)), operators.mass
     if method == "auto":
         method = "lanczos" if n > _DENSE_UNKNOWNS and n > 6 * wanted else "dense"
+    shift = shift_for(stiffness, mass, operators.nodes)
     if method == "dense":
+        factor = None
         values, vectors = scipy.linalg.eigh(
             stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1)
         )
     else:
-        shift = shift_for(stiffness, mass, operators.nodes)
         shifted = operators.shifted(*lame(1.0, poisson), shift)
         if factor is None:
             factor = factorise(shifted, factorisation)
@@ -90,7 +92,7 @@ def solve(
         values, vectors = iterate(stiffness, mass, factor, shift, wanted, tolerance, rng)
     _check_rigid(values, vectors, operators)
     values, vectors = values[RIGID:], fix_signs(vectors[:, RIGID:])
-    return Eigenpairs(values, vectors, residuals(stiffness, mass, values, vectors), method, factor)
+    return Eigenpairs(values, vectors, residuals(stiffness, mass, values, vectors), method, shift, factor)
 
 
 def shift_for(stiffness: sp.csr_matrix, mass: sp.csr_matrix, nodes: np.ndarray) -> float:

@@ -43,8 +43,8 @@ def rayleigh_damping(omega: np.ndarray, alpha: float, beta: float) -> tuple[np.n
 def solve_material(basis: ModalBasis, material: dict, scale_m: float, modes: int) -> MaterialModes:
     """Return the modes of a body in a material.
 
-    ``material`` holds ``density_kg_m3``, ``young_pa``, ``poisson``, ``alpha_per_s``, ``beta_s``; ``scale_m`` is metres per
-    mesh unit; at most as many modes as the basis was built for are returned.
+    ``material`` holds ``density_kg_m3``, ``young_pa``, ``poisson``, ``alpha_per_s`` and ``beta_s``; ``scale_m`` is
+    metres per mesh unit; at most as many modes as the basis was built for are returned.
     """
     young, density = material["young_pa"], material["density_kg_m3"]
     modes = min(modes, basis.residuals.shape[1])
