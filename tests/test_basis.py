@@ -95,9 +95,11 @@ def test_symmetry(operators):
 @pytest.mark.parametrize("factorisation", ["pardiso", "superlu"])
 def test_methods_agree_with_lapack(operators, method, factorisation):
     exact = solve(operators, 0.3, 20, rng=rng("a"), method="dense")
-    found = solve(operators, 0.3, 20, rng=rng("a"), method=method, factorisation=factorisation)
+    found = solve(
+        operators, 0.3, 20, rng=rng("a"), method=method, factorisation=factorisation, tolerance=1e-7
+    )
     assert found.values == pytest.approx(exact.values, rel=1e-9)
-    assert found.residuals.max() < 1e-4
+    assert found.residuals.max() < 1e-5
     gram = found.vectors.T @ (operators.mass @ found.vectors)
     assert abs(gram - np.eye(20)).max() < 1e-10
 

@@ -115,8 +115,8 @@ def test_configured_size_wins(chain):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        ({"poisson": 0.5}, "modes.materials.tin.poisson: input should be less than 0.5, not 0.5"),
-        ({"density_kg_m3": -1}, "modes.materials.tin.density_kg_m3: input should be greater than 0, not -1"),
+        ({"poisson": 0.5}, "modes.materials.tin.poisson must be less than 0.5, not 0.5"),
+        ({"density_kg_m3": -1}, "modes.materials.tin.density_kg_m3 must be greater than 0, not -1"),
         ({"young": 1}, "unknown key 'modes.materials.tin.young'; did you mean 'young_pa'"),
     ],
 )

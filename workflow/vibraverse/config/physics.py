@@ -49,7 +49,7 @@ class Basis(Section):
     factorisation: Literal["auto", "pardiso", "superlu"] = "auto"
     """Sparse factorisation: ``auto`` takes PARDISO where it is installed, else SuperLU."""
 
-    tolerance: float = Field(1e-6, gt=0, le=1e-2)
+    tolerance: float = Field(1e-5, gt=0, le=1e-2)
     """Relative residual of every eigenpair; eigenvalues are right to about its square."""
 
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.remesh import move
 from vibraverse.refusal import Refused
 
@@ -26,16 +27,15 @@ _MAX_PATCHED = 0.05
 #: Pieces that a repair leaves apart may hold at most this share of the volume and are then dropped.
 _MAX_DROPPED = 0.002
 #: Wrapping radii and distances from the soup, as shares of the diagonal, finest first.
-_WRAPS = ((0.01, 0.001), (0.02, 0.001), (0.04, 0.002))
+_WRAPS = ((0.01, 0.003), (0.02, 0.003), (0.04, 0.004))
 #: A wrap that holds less than this share of a coarser one has entered the body through a hole.
 _ENTERED = 0.5
-#: A wrap that loses more than down to this share of its volume when drawn in surrounds a sheet.
-_KEPT = 0.6
+#: How often a wrap is drawn in again after leaving out where it would cut itself.
 _DRAW_ROUNDS = 8
 #: A repair may change the sides of the bounding box by this much.
 _MAX_EXTENT_CHANGE = 0.02
 #: A body whose mean thickness 2V/A is below this is a sheet.
-_SHEET = 0.01
+_SHEET = 0.02
 #: More faces than this are thinned where it is harmless.
 _DENSE = 100_000
 _HARMLESS = 1e-4
@@ -212,16 +212,30 @@ def _wrap(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> repair.M
 
 
 def _drawn_in(points: np.ndarray, triangles: np.ndarray, distance: float) -> repair.Mesh:
-    """Return a wrap moved inwards by its ``distance`` from the soup, except where it would then cut itself."""
-    step = -distance * surfaces.vertex_normals(points, triangles)
+    """Return a wrap moved back by its ``distance`` from the soup, where the body is thick enough for it.
+
+    What is thinner than twice the distance stays that thick, so that sheets become plates that can be meshed.
+    """
+    normals = surfaces.vertex_normals(points, triangles)
+    room = 0.5 * _thickness(points, triangles, normals, 6 * distance) - distance
+    step = -np.clip(room, 0.0, distance)[:, None] * normals
     for _ in range(_DRAW_ROUNDS):
         drawn = move(points, step, triangles)
         crossing = repair.crossing_faces(drawn, triangles)
         if not crossing.any():
-            kept = surfaces.volume(drawn, triangles) > _KEPT * surfaces.volume(points, triangles)
-            return (drawn if kept else points), triangles
+            return drawn, triangles
         step[np.unique(triangles[crossing])] = 0.0
     return points, triangles
+
+
+def _thickness(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, most: float) -> np.ndarray:
+    """Return how thick the body is below every vertex (V,), up to ``most``: the least around each vertex."""
+    starts = points - 1e-3 * most * normals
+    across = most * ClosestPoint(points, triangles).first_hit(starts, starts - most * normals)
+    for _ in range(2):
+        least = across[triangles].min(axis=1)
+        np.minimum.at(across, triangles.ravel(), np.repeat(least, 3))
+    return across
 
 
 #: The ladder, gentlest first: name -> function of the soup that notes what it did and may raise Unfit.

@@ -26,6 +26,8 @@ _FEWEST = 1.5
 _SMOOTHING = 0.6
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
+#: Edge length wanted on the cavity's surface, in normalised units.
+_SIZE = 0.06
 #: The deepest point is sought from this many of the deepest samples.
 _STARTS = 64
 _LEAVE_OUT = "Leave the hollow body of this object out, or raise grids.fine."
@@ -138,7 +140,7 @@ def _sampled(
     spacing = cell / factor
     axes = [np.arange((side - 1) * factor + 1) / factor for side in block.shape]
     fine = map_coordinates(block, np.meshgrid(*axes, indexing="ij"), order=1)
-    close = np.argwhere(np.abs(fine - level) < 2 * cell)
+    close = np.argwhere(np.abs(fine - level) < 0.75 * cell)
     points = origin + spacing * close
     inside = field.contains(points)
     measured = field.distance(points)
@@ -182,7 +184,7 @@ def _tidied(
     cavity: repair.Mesh, field: DistanceField, vertices, faces, wall: float, reach: float, spacing: float
 ) -> repair.Mesh:
     """Return the cavity's surface with fewer, better triangles, or as it is when those would not fit."""
-    size, deviation = 4 * spacing, min(0.3 * spacing, 0.1 * wall)
+    size, deviation = max(4 * spacing, _SIZE), min(0.5 * spacing, 0.15 * wall)
     try:
         points, triangles = remesh(*cavity, size, deviation / size, ridge_deg=50)
     except RuntimeError:

@@ -15,15 +15,29 @@ import numpy as np
 
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.repair import crossing_faces
-from vibraverse.geometry.surfaces import edge_lengths, normals_and_areas, topology, volume
+from vibraverse.geometry.surfaces import (
+    edge_keys,
+    edge_lengths,
+    fan_labels,
+    half_edges,
+    normals_and_areas,
+    topology,
+    volume,
+)
 
 #: Sample points inside a triangle whose mean is exact for quadratic heights.
 _SAMPLES = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
 #: Weight ε that keeps a vertex from sliding along its surface.
 _STIFFNESS = 0.05
 _ROUNDS = 3
+#: Sheets that meet in more than this share of the faces are no local matter.
+_LOCAL = 0.02
 #: Where the surface bends, triangles may shrink to this share of the wanted size.
 _SHRINK = 0.3
+
+
+class SheetsMeet(RuntimeError):
+    """Two sheets of a remade surface cut or touch each other: the triangles are too large for the gap between."""
 
 
 def remesh(
@@ -38,21 +52,35 @@ def remesh(
 
     ``deviation`` bounds the distance from the original in units of ``size``: where the surface bends, triangles
     shrink until they keep it. An edge at which the normal turns by more than ``ridge_deg`` stays sharp. Where two
-    sheets are so close that the remade ones cut each other, both are remade finer, ``rounds`` times. Raises
-    ``RuntimeError`` when Mmg fails or sheets still cut each other.
+    few sheets are so close that the remade ones cut each other, these are remade finer, until the last of
+    ``rounds``. Raises :class:`SheetsMeet` when they then still do, ``RuntimeError`` when Mmg fails.
     """
     closest, wanted = ClosestPoint(vertices, faces), volume(vertices, faces)
     local = np.full(len(vertices), float(size))
     for _ in range(rounds):
         points, triangles = _mmg(vertices, faces, local, deviation * size, ridge_deg)
-        if not topology(triangles, len(points)).closed_manifold:
-            raise RuntimeError("remaking the surface tore it")
-        points = _fitted(closest, wanted, points, triangles)
-        crossing = crossing_faces(points, triangles)
-        if not crossing.any():
-            return points, triangles
-        local = _finer(vertices, local, points, triangles[crossing])
-    raise RuntimeError(f"{int(crossing.sum())} faces of the remade surface cut each other")
+        spoilt = _spoilt(points, triangles)
+        if not spoilt.any():
+            points = _fitted(closest, wanted, points, triangles)
+            spoilt = crossing_faces(points, triangles)
+            if not spoilt.any():
+                return points, triangles
+        if spoilt.mean() > _LOCAL:
+            break
+        local = _finer(vertices, local, points, triangles[spoilt])
+    raise SheetsMeet(f"{int(spoilt.sum())} faces of the remade surface cut or touch each other")
+
+
+def _spoilt(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the faces (F,) that cut another one, or touch another at an edge or a point of their own."""
+    if topology(triangles, len(points)).closed_manifold:
+        return crossing_faces(points, triangles)
+    _, edge, count = np.unique(edge_keys(half_edges(triangles)), return_inverse=True, return_counts=True)
+    torn = (count[edge] != 2).reshape(-1, 3).any(axis=1)
+    # Fans share no edge: a vertex with two of them is where the surface pinches itself.
+    _, first = np.unique(fan_labels(triangles, edge), return_index=True)
+    fans = np.bincount(triangles.ravel()[first], minlength=len(points))
+    return torn | (fans[triangles] > 1).any(axis=1)
 
 
 def _mmg(

@@ -3,29 +3,33 @@
 The surface is remade at a size that gives about the wanted number of elements, then filled. Whether a shell
 inside is a cavity makes no difference anywhere, so meshing can never tell solid from hollow. Recipes differ in
 which edges they keep sharp: with few sharp edges triangles are better shaped, with many the shape is closer.
-The first whose triangles are well shaped is taken; when filling fails, the next one gets its turn before the body is
-refused.
+The first whose triangles are well shaped is taken; when filling fails, the next one gets its turn before the
+body is refused.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vibraverse.geometry import quality, surfaces
 from vibraverse.geometry.fill import ALGORITHMS, fill
-from vibraverse.geometry.remesh import remesh
+from vibraverse.geometry.remesh import SheetsMeet, remesh
 from vibraverse.refusal import Refused
 
-#: Edges at which the normal turns by more than this many degrees stay sharp: recipes, the one to prefer first.
-RIDGES_DEG = (35.0, 50.0, 25.0, 180.0)
-#: A triangle with a smaller angle is poor, and surfaces with a larger share of poor ones are not preferred.
-_POOR_DEG, _FEW_POOR = 5.0, 3e-4
+#: Edges at which the normal turns by more than this many degrees stay sharp: recipes, those of a row equally good.
+RIDGES_DEG = ((35.0, 50.0), (25.0, 180.0))
+#: A triangle with a smaller angle is poor. A surface with no more than this share of poor ones is taken at once.
+_POOR_DEG, _FEW_POOR = 5.0, 1e-3
+#: Missing the target by more than the first factor counts like a share of poor triangles, in proportion.
+_ACCEPTED, _FAR_OFF = 1.3, 0.02
 #: The element count may miss the target by this factor before the size is tried again, at most so often.
 _TOLERANCE, _TRIALS = 1.15, 4
+#: A size at which sheets meet is followed by this share of it.
+_STEP_BACK = 0.7
 #: How much gmsh's second optimiser adds to the number of elements.
-_OPTIMISED = 1.06
+_OPTIMISED = 1.1
 
 
 @dataclass(frozen=True)
@@ -39,13 +43,20 @@ class TetMesh:
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A remade surface, what made it, and the share of its triangles that are poor."""
+    """A remade surface, what made it, the share of its triangles that are poor, and the logarithm of its
+    element count over the target."""
 
     ridge_deg: float
     size: float
     points: np.ndarray
     triangles: np.ndarray
     poor: float
+    excess: float = 0.0
+
+    @property
+    def demerit(self) -> float:
+        """How much speaks against it: poor triangles, and an element count far from the target."""
+        return self.poor + _FAR_OFF * max(abs(self.excess) - np.log(_ACCEPTED), 0.0)
 
 
 def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
@@ -76,21 +87,22 @@ def tetrahedralise(
     wanted = surfaces.volume(vertices, faces)
     size = _first_size(surfaces.area(vertices, faces), wanted, target_elements)
     complaints: list[str] = []
-    passed_over: list[_Candidate] = []
-    for ridge_deg in RIDGES_DEG:
-        try:
-            candidate = _sized(vertices, faces, ridge_deg, size, target_elements)
-        except (Refused, RuntimeError) as error:
-            complaints.append(getattr(error, "message", str(error)))
-            continue
-        size = candidate.size
-        if candidate.poor > _FEW_POOR:
-            passed_over.append(candidate)
-        elif (mesh := _filled(candidate, wanted, max_volume_change, complaints)) is not None:
-            return mesh
-    for candidate in sorted(passed_over, key=lambda candidate: candidate.poor):
-        if (mesh := _filled(candidate, wanted, max_volume_change, complaints)) is not None:
-            return mesh
+    for row in RIDGES_DEG:
+        candidates: list[_Candidate] = []
+        for ridge_deg in row:
+            try:
+                candidate = _sized(vertices, faces, ridge_deg, size, target_elements)
+            except (Refused, RuntimeError) as error:
+                complaints.append(getattr(error, "message", str(error)))
+                continue
+            candidates.append(candidate)
+            size = candidate.size
+            if candidate.demerit <= _FEW_POOR:
+                break
+        for candidate in sorted(candidates, key=lambda candidate: candidate.demerit):
+            mesh = _filled(candidate, wanted, max_volume_change, complaints)
+            if mesh is not None:
+                return mesh
     raise Refused(
         "meshing_failed",
         f"No recipe filled the surface with tetrahedra: {'; '.join(dict.fromkeys(complaints))}.",
@@ -99,24 +111,44 @@ def tetrahedralise(
 
 
 def _sized(vertices, faces, ridge_deg: float, size: float, target: int) -> _Candidate:
-    """Remake the surface at the size that gives about ``target`` elements, starting from ``size``."""
-    tried: list[tuple[float, float, _Candidate]] = []
+    """Remake the surface at the size that gives about ``target`` elements, starting from ``size``.
+
+    Thin walls need triangles not much larger than they are thick: a size at which sheets cut each other is too
+    large whatever the target.
+    """
+    tried: list[tuple[float, _Candidate]] = []
+    too_large = np.inf
     for _ in range(_TRIALS):
-        points, triangles = remesh(vertices, faces, size, ridge_deg=ridge_deg)
-        excess = np.log(_OPTIMISED * len(fill(points, triangles, optimise=False)[1]) / target)
-        poor = float((_smallest_angle_deg(points, triangles) < _POOR_DEG).mean())
-        tried.append((abs(excess), excess, _Candidate(ridge_deg, size, points, triangles, poor)))
+        try:
+            candidate = _remade(vertices, faces, size, ridge_deg)
+        except SheetsMeet:
+            too_large = min(too_large, size)
+            size *= _STEP_BACK
+            continue
+        count = len(fill(candidate.points, candidate.triangles, optimise=False)[1])
+        excess = float(np.log(_OPTIMISED * count / target))
+        tried.append((excess, replace(candidate, excess=excess)))
         if abs(excess) < np.log(_TOLERANCE):
             break
         size *= float(np.clip(np.exp(_exponent(tried) * excess), 0.5, 2.0))
-    return min(tried, key=lambda trial: trial[0])[2]
+        if size > _STEP_BACK * too_large:
+            break
+    if not tried:
+        raise SheetsMeet(f"sheets of the surface are closer than triangles of {too_large:.3g}")
+    return min(tried, key=lambda trial: abs(trial[0]))[1]
+
+
+def _remade(vertices, faces, size: float, ridge_deg: float) -> _Candidate:
+    points, triangles = remesh(vertices, faces, size, ridge_deg=ridge_deg)
+    poor = float((_smallest_angle_deg(points, triangles) < _POOR_DEG).mean())
+    return _Candidate(ridge_deg, size, points, triangles, poor)
 
 
 def _exponent(tried: list) -> float:
     """Return by which power of the count's error the size should change, from the last two trials."""
     if len(tried) < 2:
         return 0.45
-    (_, before, first), (_, now, second) = tried[-2:]
+    (before, first), (now, second) = tried[-2:]
     slope = np.log(second.size / first.size) / (before - now) if before != now else 0.45
     return float(np.clip(slope, 0.25, 1.5))
 

@@ -69,7 +69,7 @@ def build_basis(
     poisson_nodes=(0.1, 0.2, 0.3, 0.4),
     method: str = "auto",
     factorisation: str = "auto",
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-5,
 ) -> ModalBasis:
     """Solve for the modal basis of a tetrahedral mesh.
 

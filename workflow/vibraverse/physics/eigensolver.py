@@ -29,6 +29,10 @@ _DENSE_UNKNOWNS = 900
 _RIGID_TOLERANCE = 1e-4
 #: Vectors per pass of block Lanczos; also the largest multiplicity found in one go.
 _BLOCK = 20
+#: Where orthogonalising leaves less than this of a vector, rounding is felt and it is done twice.
+_CANCELLED = 1e-4
+#: A Gram matrix with eigenvalues closer than this is inverted without loss that matters.
+_WELL_CONDITIONED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -55,7 +59,7 @@ def solve(
     rng: np.random.Generator,
     method: str = "auto",
     factorisation: str = "auto",
-    tolerance: float = 1e-6,
+    tolerance: float = 1e-5,
     factor=None,
 ) -> Eigenpairs:
     """Return the ``modes`` lowest elastic eigenpairs for ``E = ρ = 1`` and Poisson's ratio ``poisson``.
@@ -152,11 +156,13 @@ def _block_lanczos(stiffness, mass, factor, shift, wanted, tolerance, rng):
             space, weighted = (_grown(array, size) for array in (space, weighted))
         space[:, old:size], weighted[:, old:size] = fresh, weighted_fresh
         image = factor.solve(weighted_fresh)
+        before = np.linalg.norm(image, axis=0)
         column = weighted[:, :size].T @ image
         image -= space[:, :size] @ column
-        correction = weighted[:, :size].T @ image
-        image -= space[:, :size] @ correction
-        column += correction
+        if (np.linalg.norm(image, axis=0) < _CANCELLED * before).any():
+            correction = weighted[:, :size].T @ image
+            image -= space[:, :size] @ correction
+            column += correction
         projected = np.pad(projected, (0, width))
         projected[:, old:] = column
         projected[old:, :] = column.T
@@ -191,7 +197,7 @@ def orthonormalise(space: np.ndarray, mass: sp.csr_matrix, drop: float = 1e-14):
     """Return an M-orthonormal basis Q of the columns' span, ``M Q`` and ``M space``.
 
     Columns are scaled to unit length; directions of their Gram matrix below ``drop`` of the largest are left
-    out. A second pass removes what rounding left of the first.
+    out. A second pass removes what rounding left of the first, where that is more than a few digits.
     """
     weighted_space = weighted = mass @ space
     for limit in (drop, 1e-3):
@@ -201,6 +207,8 @@ def orthonormalise(space: np.ndarray, mass: sp.csr_matrix, drop: float = 1e-14):
         keep = weights > limit * weights[-1]
         turn = scale[:, None] * vectors[:, keep] / np.sqrt(weights[keep])
         space, weighted = space @ turn, weighted @ turn
+        if weights[0] > _WELL_CONDITIONED * weights[-1]:
+            break
     return space, weighted, weighted_space
 
 

@@ -92,7 +92,7 @@ class Pardiso:
             self._solver = None
 
     def __del__(self):
-        if getattr(self, "_solver", None) is not None:
+        if getattr(self, "_solver", None) is not None and not sys.is_finalizing():
             self.free()
 
 
