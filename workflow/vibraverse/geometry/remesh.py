@@ -46,7 +46,7 @@ def remesh(
     size: float,
     deviation: float = 0.06,
     ridge_deg: float = 25.0,
-    rounds: int = 5,
+    rounds: int = 3,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the closed surface remade with edges of about ``size``, of the same volume, not cutting itself.
 

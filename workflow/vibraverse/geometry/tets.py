@@ -23,13 +23,14 @@ RIDGES_DEG = ((35.0, 50.0), (25.0, 180.0))
 #: A triangle with a smaller angle is poor. A surface with no more than this share of poor ones is taken at once.
 _POOR_DEG, _FEW_POOR = 5.0, 1e-3
 #: Missing the target by more than the first factor counts like a share of poor triangles, in proportion.
-_ACCEPTED, _FAR_OFF = 1.3, 0.02
-#: The element count may miss the target by this factor before the size is tried again, at most so often.
-_TOLERANCE, _TRIALS = 1.15, 4
+_ACCEPTED, _FAR_OFF = 1.3, 0.05
+#: The element count may miss the target by this factor before the size is tried again, at most so often;
+#: at first the size changes by this power of the miss.
+_TOLERANCE, _TRIALS, _EXPONENT = 1.2, 4, 0.55
 #: A size at which sheets meet is followed by this share of it.
 _STEP_BACK = 0.7
 #: How much gmsh's second optimiser adds to the number of elements.
-_OPTIMISED = 1.1
+_OPTIMISED = 1.08
 
 
 @dataclass(frozen=True)
@@ -147,9 +148,9 @@ def _remade(vertices, faces, size: float, ridge_deg: float) -> _Candidate:
 def _exponent(tried: list) -> float:
     """Return by which power of the count's error the size should change, from the last two trials."""
     if len(tried) < 2:
-        return 0.45
+        return _EXPONENT
     (before, first), (now, second) = tried[-2:]
-    slope = np.log(second.size / first.size) / (before - now) if before != now else 0.45
+    slope = np.log(second.size / first.size) / (before - now) if before != now else _EXPONENT
     return float(np.clip(slope, 0.25, 1.5))
 
 

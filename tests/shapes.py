@@ -1,0 +1,52 @@
+"""Closed triangle surfaces for tests of the geometry."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def ball(radius: float = 0.9, subdivisions: int = 4, centre=(0.0, 0.0, 0.0)):
+    """Return an icosphere: vertices and faces."""
+    from trimesh.creation import icosphere
+
+    mesh = icosphere(subdivisions=subdivisions, radius=radius)
+    return np.array(mesh.vertices) + centre, np.array(mesh.faces)
+
+
+def box(sides=(1.8, 1.8, 1.8), centre=(0.0, 0.0, 0.0)):
+    """Return a box of twelve triangles."""
+    from trimesh.creation import box as made
+
+    mesh = made(sides)
+    return np.array(mesh.vertices) + centre, np.array(mesh.faces)
+
+
+def cylinder(radius: float, height: float, sections: int = 64):
+    """Return a cylinder along z whose round side has ``sections`` facets."""
+    from trimesh.creation import cylinder as made
+
+    mesh = made(radius=radius, height=height, sections=sections)
+    return np.array(mesh.vertices), np.array(mesh.faces)
+
+
+def together(*meshes):
+    """Return several meshes as one."""
+    offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    return (
+        np.concatenate([vertices for vertices, _ in meshes]),
+        np.concatenate([faces + offset for (_, faces), offset in zip(meshes, offsets, strict=False)]),
+    )
+
+
+def hollow_ball(radius: float = 0.9, cavity: float = 0.5, subdivisions: int = 3):
+    """Return the surface of a ball with a spherical cavity."""
+    outside, (points, faces) = ball(radius, subdivisions), ball(cavity, subdivisions)
+    return together(outside, (points, faces[:, ::-1]))
+
+
+def sheet(n: int = 24):
+    """Return an open wavy sheet."""
+    x, y = np.meshgrid(np.linspace(-0.9, 0.9, n), np.linspace(-0.9, 0.9, n), indexing="ij")
+    vertices = np.stack([x, y, 0.2 * np.sin(3 * x) * np.cos(2 * y)], axis=-1).reshape(-1, 3)
+    i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    return vertices, np.concatenate([np.stack([i, i + n, i + 1], 1), np.stack([i + 1, i + n, i + n + 1], 1)])

@@ -1,0 +1,239 @@
+"""clean: every rung of the ladder on a mesh that needs it, the refusals, and the stage's products."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import shapes
+
+from vibraverse import meshfiles
+from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.clean import RUNGS, clean, judge
+from vibraverse.geometry.closest import ClosestPoint
+from vibraverse.refusal import Refused, read_refusal
+
+
+def bundled(name):
+    from importlib.util import find_spec
+    from pathlib import Path
+
+    return Path(find_spec("pyvista").submodule_search_locations[0]) / "examples" / name
+
+
+def check_normalised(body):
+    judge(body.vertices, body.faces)
+    low, high = body.vertices.min(axis=0), body.vertices.max(axis=0)
+    assert np.allclose(low + high, 0, atol=1e-12)
+    assert (high - low).max() == pytest.approx(1.8, abs=1e-12)
+
+
+def test_a_good_mesh_is_only_moved_and_scaled():
+    vertices, faces = shapes.ball(radius=40.0, centre=(100.0, -7.0, 3.0))
+    body = clean(vertices, faces)
+    check_normalised(body)
+    assert (body.rung, body.repairs) == ("as-is", [])
+    assert np.array_equal(body.faces, faces)
+    assert np.allclose((vertices - body.centre) * body.scale, body.vertices, atol=1e-12)
+    assert body.longest_side == pytest.approx(80.0)
+
+
+def test_triangles_that_point_the_wrong_way_are_turned():
+    vertices, faces = shapes.ball(subdivisions=2)
+    wrong = faces.copy()
+    wrong[::3] = wrong[::3, ::-1]
+    body = clean(vertices, wrong)
+    assert body.repairs == [f"turned {len(faces[::3])} triangles"]
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(surfaces.volume(vertices, faces))
+
+
+def test_a_mesh_turned_inside_out_is_turned_back():
+    vertices, faces = shapes.box()
+    body = clean(vertices, faces[:, ::-1])
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(1.8**3)
+
+
+def test_points_that_are_almost_equal_are_joined():
+    vertices, faces = shapes.ball(subdivisions=3)
+    noise = np.random.default_rng(1).uniform(-1e-6, 1e-6, (3 * len(faces), 3))
+    soup = vertices[faces].reshape(-1, 3) + noise
+    body = clean(soup, np.arange(len(soup)).reshape(-1, 3))
+    check_normalised(body)
+    assert body.rung == "weld"
+    assert len(body.faces) == len(faces)
+
+
+def test_a_missing_side_is_closed():
+    vertices, faces = shapes.box()
+    body = clean(vertices, faces[(vertices[faces][:, :, 2] > -0.89).any(axis=1)])
+    check_normalised(body)
+    assert body.rung == "join"
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(1.8**3)
+
+
+def test_overlapping_parts_become_their_union():
+    body = clean(*shapes.together(shapes.box((2, 1, 1)), shapes.box((1, 3, 1), centre=(0.5, 1.0, 0.0))))
+    check_normalised(body)
+    assert body.rung == "join"
+    # 2 + 3 - 1 cubic units, in a bounding box whose longest side is 3.
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(4 * 0.6**3, rel=1e-6)
+
+
+def test_triangles_that_cut_each_other_are_replaced():
+    vertices, faces = shapes.ball(subdivisions=4)
+    dented = vertices.copy()
+    dented[0] *= -1.05  # one vertex pulled through the opposite side
+    body = clean(dented, faces)
+    check_normalised(body)
+    assert body.rung == "patch"
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(surfaces.volume(vertices, faces), rel=0.01)
+
+
+def test_parts_that_touch_nothing_are_dropped_and_named():
+    body = clean(*shapes.together(shapes.box(), shapes.box((0.5, 0.5, 0.5), centre=(5, 0, 0))))
+    check_normalised(body)
+    assert body.rung == "largest"
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(1.8**3)
+    assert any(note.startswith("dropped 1 pieces with 2") for note in body.repairs)
+
+
+@pytest.mark.parametrize(("name", "volume"), [("airplane.ply", 0.0444), ("ant.ply", 0.0832)])
+def test_bundled_models_of_loose_parts_become_bodies_that_look_like_them(name, volume):
+    source = meshfiles.read_mesh(bundled(name))
+    body = clean(source.vertices, source.faces)
+    check_normalised(body)
+    assert body.rung == "wrap"
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(volume, rel=0.02)
+    there = (source.vertices - body.centre) * body.scale
+    away = np.linalg.norm(ClosestPoint(body.vertices, body.faces)(there) - there, axis=1)
+    seen = np.linalg.norm(ClosestPoint(there, source.faces)(body.vertices) - body.vertices, axis=1)
+    # Nothing the source shows is lost, and all of the body is near the source but for the bridges over gaps.
+    assert np.percentile(away, 95) < 0.02
+    assert np.percentile(seen, 90) < 0.02
+
+
+def test_the_nut_needs_no_repair():
+    source = meshfiles.read_mesh(bundled("nut.ply"))
+    body = clean(source.vertices, source.faces)
+    assert body.rung == "as-is"
+    assert surfaces.topology(body.faces, len(body.vertices)).genus == 1
+
+
+def test_public_closed_models_pass(shared_meshes):
+    rungs = {}
+    for path in sorted((shared_meshes / "clean").iterdir()):
+        source = meshfiles.read_mesh(path)
+        body = clean(source.vertices, source.faces)
+        check_normalised(body)
+        rungs[path.name] = body.rung
+    assert len(rungs) == 14
+    assert {name: rung for name, rung in rungs.items() if rung != "as-is"} == {
+        "featuretype.stl": "weld",
+        "wingnut.obj": "patch",
+    }
+
+
+@pytest.mark.parametrize(
+    ("mesh", "reason"),
+    [
+        ((np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0.0]]), np.array([[0, 1, 2]])), "not_a_solid"),
+        (shapes.sheet(), "not_a_solid"),
+        ((np.zeros((3, 3)), np.array([[0, 1, 2]])), "empty"),
+    ],
+)
+def test_what_bounds_no_volume_is_refused(mesh, reason):
+    with pytest.raises(Refused) as refused:
+        clean(*mesh)
+    assert refused.value.reason == reason
+    assert refused.value.advice
+
+
+def test_a_mesh_beyond_the_limit_is_refused():
+    with pytest.raises(Refused) as refused:
+        clean(*shapes.ball(subdivisions=3), max_triangles=1000)
+    assert refused.value.reason == "too_large"
+    assert "1280" in refused.value.message
+
+
+def test_the_ladder_climbs_from_gentle_to_severe():
+    assert [name for name, _ in RUNGS] == ["as-is", "weld", "patch", "join", "wrap", "largest"]
+
+
+def test_a_very_dense_mesh_is_thinned_without_losing_volume():
+    vertices, faces = shapes.box()
+    from trimesh.remesh import subdivide_loop
+
+    dense = subdivide_loop(vertices, faces, iterations=7)
+    body = clean(np.array(dense[0]), np.array(dense[1]))
+    check_normalised(body)
+    assert len(dense[1]) > 150_000 > 101_000 > len(body.faces)
+    source = (np.array(dense[0]) - body.centre) * body.scale
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(surfaces.volume(source, dense[1]), rel=1e-4)
+
+
+def test_topology_counts_what_is_wrong():
+    vertices, faces = shapes.box()
+    assert surfaces.topology(faces, 8).closed_manifold
+    assert surfaces.topology(faces[1:], 8).open_edges == 3
+    assert surfaces.topology(np.vstack([faces, faces[:1, ::-1]]), 8).crowded_edges == 3
+    two = shapes.together((vertices, faces), (vertices + 1.8, faces))
+    touching = surfaces.topology(repair.weld(*two)[1], 16)
+    assert (touching.pinched_vertices, touching.open_edges) == (1, 0)
+
+
+@pytest.fixture
+def run(vibraverse, tmp_path):
+    """Run the stage on the bytes of a mesh; return its exit status, its messages and the two products."""
+
+    def call(content: bytes, name: str = "run", **source):
+        (tmp_path / "source.mesh").write_bytes(content)
+        (tmp_path / "source.json").write_text(json.dumps({"format": "ply", "file": "mine.ply", **source}))
+        surface, record = tmp_path / f"{name}.ply", tmp_path / f"{name}.json"
+        status, _, errors = vibraverse(
+            *("clean", "--object", "mine", "--mesh", tmp_path / "source.mesh"),
+            *("--source-record", tmp_path / "source.json", "--surface", surface, "--record", record),
+        )
+        return status, errors, surface, record
+
+    return call
+
+
+def test_the_stage_writes_the_surface_and_what_was_done(run):
+    vertices, faces = shapes.ball(radius=20.0, subdivisions=2)
+    status, errors, surface, record = run(meshfiles.ply_bytes(vertices, faces), unit_m=0.01, size_m=None)
+    assert status == 0, errors
+    said = json.loads(record.read_text())
+    points, triangles = meshfiles.read_ply(surface)
+    assert (said["rung"], said["vertices"], said["triangles"]) == ("as-is", len(points), len(triangles))
+    assert said["size_m"] == pytest.approx(0.4)
+    assert said["scale"] == pytest.approx(1.8 / 40)
+    assert said["volume"] == pytest.approx(surfaces.volume(points, triangles))
+    assert said["genus"] == 0
+    again = run(meshfiles.ply_bytes(vertices, faces), "again", unit_m=0.01, size_m=None)
+    assert surface.read_bytes() == again[2].read_bytes()
+    assert record.read_bytes() == again[3].read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("name", "reason"),
+    [
+        ("empty.obj", "empty"),
+        ("empty.stl", "empty"),
+        ("flat_plane.ply", "not_a_solid"),
+        ("notenoughindices.obj", None),
+        ("points_only.ply", "empty"),
+    ],
+)
+def test_invalid_files_are_refused_with_the_true_reason(run, shared_meshes, name, reason):
+    path = shared_meshes / "invalid" / name
+    status, errors, surface, record = run(path.read_bytes(), format=path.suffix[1:], file=name)
+    assert status == 0
+    assert "Traceback" not in errors
+    refusal = read_refusal(surface)
+    assert refusal == read_refusal(record)
+    assert refusal.stage == "clean"
+    assert refusal.message
+    assert refusal.advice
+    if reason:
+        assert refusal.reason == reason
