@@ -87,7 +87,9 @@ def test_triangles_that_cut_each_other_are_replaced():
     body = clean(dented, faces)
     check_normalised(body)
     assert body.rung == "patch"
-    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(surfaces.volume(vertices, faces), rel=0.01)
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(
+        surfaces.volume(vertices, faces), rel=0.01
+    )
 
 
 def test_parts_that_touch_nothing_are_dropped_and_named():
@@ -169,7 +171,9 @@ def test_a_very_dense_mesh_is_thinned_without_losing_volume():
     check_normalised(body)
     assert len(dense[1]) > 150_000 > 101_000 > len(body.faces)
     source = (np.array(dense[0]) - body.centre) * body.scale
-    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(surfaces.volume(source, dense[1]), rel=1e-4)
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(
+        surfaces.volume(source, dense[1]), rel=1e-4
+    )
 
 
 def test_topology_counts_what_is_wrong():

@@ -49,6 +49,29 @@ def test_logs_open_with_the_command_that_repeats_the_job(finished):
     )
 
 
+@pytest.mark.parametrize("solidity", ["solid", "hollow"])
+def test_strike_gives_the_workflows_frequencies(finished, tmp_path, vibraverse, solidity):
+    """The same mesh and material, by one command and by the workflow: equal to 1e-6."""
+    import h5py
+
+    folder = finished.folder / "results/objects/bar-0000"
+    mesh = shutil.copy(folder / "source.mesh", tmp_path / "anything.ply")
+    hollow = json.loads((folder / "hollow/hollow.json").read_text())
+    with h5py.File(folder / solidity / "modes.h5") as h5:
+        size_m = h5.attrs["size_m"]
+        expected = h5["materials/steel/frequencies_hz"][()]
+        volume_m3 = h5.attrs["volume_m3"]
+    status, _, err = vibraverse(
+        "strike", mesh, "--material", "steel", "--size", size_m, "--modes", 12, "--order", 1,
+        "--elements", 1200, "-o", tmp_path / "a.wav", "--json", tmp_path / "a.json",
+        *(["--hollow", hollow["t"]] if solidity == "hollow" else []),
+    )  # fmt: skip
+    assert status == 0, err
+    facts = json.loads((tmp_path / "a.json").read_text())
+    assert facts["frequencies_hz"] == pytest.approx(expected, rel=1e-6)
+    assert facts["volume_m3"] == pytest.approx(volume_m3, rel=1e-9)
+
+
 def test_nothing_is_left_to_do(changed):
     assert changed.plan()[0] == {}
 
@@ -161,7 +184,11 @@ def test_a_bad_configuration_is_one_sentence(tmp_path, root, change, sentence):
     run.config.update(change)
     done = run(check=False)
     assert done.returncode == 2
-    (said,) = [line for line in (done.stdout + done.stderr).splitlines() if "onfig file" not in line and "profile" not in line]
+    (said,) = [
+        line
+        for line in (done.stdout + done.stderr).splitlines()
+        if "onfig file" not in line and "profile" not in line
+    ]
     assert said.startswith("vibraverse: ")
     assert sentence in said
     assert not (tmp_path / "results").exists()

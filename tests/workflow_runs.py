@@ -19,7 +19,7 @@ TINY = {
     "materials": {"steel": None, "wood": None},
     "solidities": ["solid", "hollow"],
     "tets": {"target_elements": 1200},
-    "basis": {"order": 1, "modes": 12, "poisson_nodes": [0.2, 0.35]},
+    "basis": {"order": 1, "modes": 12},
     "audio": {"max_s": 0.5},
     "images": {"views": 1, "looks": ["clay"], "size_px": 64},
     "dataset": {"shards": 2},

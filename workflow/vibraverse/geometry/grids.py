@@ -1,20 +1,23 @@
 """Voxels and signed distance on the cell centres of [-1, 1]³.
 
 Sample ``i`` of ``n`` lies at ``x_i = -1 + (2i+1)/n`` along each axis; arrays are indexed ``[ix, iy, iz]``. The
-distance to the triangles is exact (to single precision). Its sign comes from rays: one ray along z through every column of cells
-counts how often it entered and left the body. That is 16,384 rays for 128³ cells; a ray that grazes an edge
-does not come out even and is cast again a little aside.
+distance to the triangles is exact, to single precision. Its sign comes from rays: one ray along z through
+every column of cells enters the body where it meets a face from outside and leaves where it meets one from
+inside. That is 16,384 rays for 128³ cells; a ray that does not enter and leave in turn has met an edge twice and is
+cast again a little aside.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
+from vibraverse.geometry.surfaces import normals_and_areas
+
 #: Sideways steps tried for a ray that grazes an edge, in cells.
 _ASIDE = 1e-4
 _ATTEMPTS = 12
 #: Distances are multiples of this.
-_QUANTUM = 2.0**-20
+QUANTUM = 2.0**-20
 
 
 def cell_centres(n: int) -> np.ndarray:
@@ -29,6 +32,8 @@ class DistanceField:
         from open3d.t.geometry import RaycastingScene
 
         self._threads = threads
+        # Along +z a ray enters through a face whose normal points down.
+        self._entering = -np.sign(normals_and_areas(vertices, faces)[0][:, 2]).astype(np.int64)
         self._scene = RaycastingScene(nthreads=threads)
         self._scene.add_triangles(
             np.ascontiguousarray(vertices, dtype=np.float32), np.ascontiguousarray(faces, dtype=np.uint32)
@@ -50,7 +55,7 @@ class DistanceField:
     def inside(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
         """Return which points of the grid ``x`` × ``y`` × ``z`` are inside, (nx, ny, nz) bool.
 
-        Raises ``ValueError`` when rays never come out even: the surface is not closed.
+        Raises ``ValueError`` when rays do not enter and leave in turn: the surface is not closed.
         """
         nx, ny, nz = len(x), len(y), len(z)
         column_x, column_y = np.repeat(x, ny), np.tile(y, nx)
@@ -60,26 +65,34 @@ class DistanceField:
         generator = np.random.Generator(np.random.PCG64(0))
         for attempt in range(_ATTEMPTS):
             aside = _ASIDE * spacing * attempt * generator.uniform(-1, 1, (2, len(todo)))
-            found, even = self._columns(column_x[todo] + aside[0], column_y[todo] + aside[1], z)
-            inside[todo[even]] = found[even]
-            todo = todo[~even]
+            found, fair = self._columns(column_x[todo] + aside[0], column_y[todo] + aside[1], z)
+            inside[todo[fair]] = found[fair]
+            todo = todo[~fair]
             if not len(todo):
                 return inside.reshape(nx, ny, nz)
         raise ValueError(f"{len(todo)} rays enter the body and never leave it")
 
     def _columns(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is inside along rays at ``x``, ``y`` (C, nz), and which rays came out even (C,)."""
+        """Return what is inside along rays at ``x``, ``y`` (C, nz), and which rays enter and leave in turn (C,)."""
         start = -2.0
         rays = np.zeros((len(x), 6), dtype=np.float32)
         rays[:, 0], rays[:, 1], rays[:, 2], rays[:, 5] = x, y, start, 1.0
         hits = self._scene.list_intersections(rays, nthreads=self._threads)
         ray = hits["ray_ids"].numpy().astype(np.int64)
         height = hits["t_hit"].numpy().astype(np.float64) + start
-        cell = np.searchsorted(z, height)
+        entering = self._entering[hits["primitive_ids"].numpy()]
+        order = np.lexsort((-entering, height, ray))
+        ray, height, entering = ray[order], height[order], entering[order]
+        # How deep every ray is inside after each of its hits: 0 or 1, or the ray met an edge twice.
+        depth = np.cumsum(entering)
+        before = np.concatenate([[0], depth])[np.searchsorted(ray, np.arange(len(x)))]
+        depth = depth - before[ray]
+        fair = np.ones(len(x), dtype=bool)
+        fair[ray[(depth < 0) | (depth > 1) | (entering == 0)]] = False
+        fair &= np.bincount(ray, entering, minlength=len(x)) == 0
         crossings = np.zeros((len(x), len(z) + 1), dtype=np.int32)
-        np.add.at(crossings, (ray, cell), 1)
-        parity = np.cumsum(crossings, axis=1) % 2
-        return parity[:, :-1].astype(bool), parity[:, -1] == 0
+        np.add.at(crossings, (ray, np.searchsorted(z, height)), entering)
+        return np.cumsum(crossings, axis=1)[:, :-1] == 1, fair
 
 
 def signed_distance(vertices: np.ndarray, faces: np.ndarray, n: int, threads: int = 1) -> np.ndarray:
@@ -91,7 +104,7 @@ def signed_distance(vertices: np.ndarray, faces: np.ndarray, n: int, threads: in
     field = DistanceField(vertices, faces, threads)
     x = cell_centres(n)
     points = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1)
-    distance = np.maximum(np.round(field.distance(points) / _QUANTUM), 1.0) * np.float32(_QUANTUM)
+    distance = np.maximum(np.round(field.distance(points) / QUANTUM), 1.0) * np.float32(QUANTUM)
     return np.where(field.inside(x, x, x), -distance, distance)
 
 

@@ -41,7 +41,9 @@ def run(job: Job) -> None:
         h5.attrs["scale_m"] = scale_m
         h5.attrs["volume_m3"] = basis.volume * scale_m**3
         write_provenance(h5, job.provenance())
-        h5.create_dataset("surface/vertices", data=basis.vertices.astype("f4")).attrs["unit"] = "normalised length"
+        h5.create_dataset("surface/vertices", data=basis.vertices.astype("f4")).attrs["unit"] = (
+            "normalised length"
+        )
         h5.create_dataset("surface/faces", data=basis.faces).attrs["unit"] = "index into surface/vertices"
         for name, material in job.options.materials.items():
             values = material.model_dump()

@@ -1,0 +1,138 @@
+"""``vibraverse strike``: numbers a person can check, and every mistake in one sentence."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+import soundfile
+import trimesh
+
+from vibraverse.physics.materials import MATERIALS
+
+#: ω L / c_s of the free cube for ν = 0.3.
+CUBE = np.repeat([2.8561, 3.8460, 3.9113, 4.4429], [2, 3, 3, 3])
+
+
+@pytest.fixture(scope="module")
+def cube(tmp_path_factory):
+    """A cube of ten by ten by ten, in a format without units."""
+    path = tmp_path_factory.mktemp("cube") / "my cube.stl"
+    trimesh.creation.box((10, 10, 10)).export(path)
+    return path
+
+
+def test_a_cube_rings_as_a_cube(cube, tmp_path, vibraverse):
+    young, density, poisson, size = 2.0e9, 1100.0, 0.3, 0.25
+    status, out, err = vibraverse(
+        "strike", cube, "--size", size, "--young", young, "--density", density, "--poisson", poisson,
+        "--alpha", 20, "--beta", 1e-7, "--elements", 2000, "--modes", 20,
+        "-o", tmp_path / "cube.wav", "--json", tmp_path / "cube.json",
+    )  # fmt: skip
+    assert status == 0, err
+    assert "longest side 0.25 m" in out
+    facts = json.loads((tmp_path / "cube.json").read_text())
+    shear_speed = np.sqrt(young / (2 * (1 + poisson)) / density)
+    found = 2 * np.pi * np.array(facts["frequencies_hz"]) * size / shear_speed
+    assert found[: len(CUBE)] == pytest.approx(CUBE, rel=0.005)
+    assert facts["volume_m3"] == pytest.approx(size**3, rel=1e-6)
+    assert facts["mass_kg"] == pytest.approx(density * size**3, rel=1e-6)
+    omega = 2 * np.pi * np.array(facts["frequencies_hz"])
+    assert facts["damping_per_s"] == pytest.approx(0.5 * (20 + 1e-7 * omega**2))
+    assert facts["size_m"] == size
+    assert facts["material"] == "ceramic"
+    assert facts["material_parameters"]["young_pa"] == young
+    assert facts["vertices"] > 100
+    assert facts["tetrahedra"] > 1000
+    assert isinstance(facts["warnings"], list)
+    # Listen by numbers: the loudest line of the spectrum is a mode.
+    samples, rate = soundfile.read(tmp_path / "cube.wav")
+    spectrum = np.abs(np.fft.rfft(samples * np.hanning(len(samples)), 4 * len(samples)))
+    loudest = np.fft.rfftfreq(4 * len(samples), 1 / rate)[np.argmax(spectrum)]
+    assert abs(np.array(facts["frequencies_hz"]) - loudest).min() < 2 * rate / len(samples)
+
+
+def test_struck_points_sound_different(cube, tmp_path, vibraverse):
+    """A corner moves in other modes than the middle of a face."""
+    sounds = []
+    for at in ("5,5,5", "0,0,5"):
+        status, _, err = vibraverse(
+            "strike", cube, "--elements", 300, "--modes", 12, "--order", 1, "--material", "plastic",
+            "--size", 0.3, "--at", at, "-o", tmp_path / "a.wav",
+        )  # fmt: skip
+        assert status == 0, err
+        sounds.append(soundfile.read(tmp_path / "a.wav")[0][:2000])
+    assert np.abs(sounds[0] - sounds[1]).max() > 0.1
+
+
+def test_json_to_the_terminal_and_default_name(cube, tmp_path, vibraverse, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = vibraverse(
+        "strike", cube, "--elements", 300, "--modes", 8, "--order", 1, "--json", "-"
+    )
+    assert status == 0, err
+    facts = json.loads(out)
+    assert facts["size_m"] == 0.15
+    assert any("states no unit" in warning for warning in facts["warnings"])
+    assert (tmp_path / "my cube-ceramic.wav").is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--material", "ceramc"], "unknown material 'ceramc'; did you mean 'ceramic'?"),
+        (["--poisson", "0.5"], "--poisson must be less than 0.5, not 0.5"),
+        (["--poisson", "-1"], "--poisson must be greater than -1, not -1.0"),
+        (["--density", "-3"], "--density must be greater than 0, not -3.0"),
+        (["--young", "0"], "--young must be greater than 0, not 0.0"),
+        (["--alpha", "-1"], "--alpha must be at least 0, not -1.0"),
+        (["--size", "0"], "--size must be greater than 0, not 0.0"),
+        (["--size", "nan"], "--size"),
+        (["--hollow", "1.5"], "--hollow must lie between 0 and 1, not 1.5"),
+        (["--modes", "0"], "--modes must be greater than 0, not 0"),
+        (["--order", "3"], "--order must be 1 or 2, not 3"),
+        (["--at", "1,2"], "--at takes three numbers"),
+        (["-o", "no/such/folder/a.wav"], "the folder of no/such/folder/a.wav does not exist"),
+    ],
+)
+def test_a_mistake_is_one_sentence(cube, tmp_path, vibraverse, monkeypatch, arguments, sentence):
+    monkeypatch.chdir(tmp_path)
+    status, out, err = vibraverse("strike", cube, *arguments)
+    assert status == 2
+    assert out == ""
+    assert sentence in err
+    assert len(err.strip().splitlines()) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "reason"),
+    [
+        ("nothing.obj", b"", "empty"),
+        ("text.glb", b"this is no glb", "unreadable"),
+        ("cut.obj", b"v 0 0 0\nv 1 0 0\nf 1 2 3\n", "unreadable"),
+        ("nan.obj", b"v 0 0 0\nv 1 0 nan\nv 0 1 0\nf 1 2 3\n", "not_finite"),
+        ("flat.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n", "not_a_solid"),
+    ],
+)
+def test_a_bad_mesh_is_one_sentence(tmp_path, vibraverse, monkeypatch, name, content, reason):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_bytes(content)
+    status, _, err = vibraverse("strike", name)
+    assert status == 2
+    assert err.startswith(f"vibraverse: {name}: ")
+    assert f"[{reason}]" in err
+    assert len(err.strip().splitlines()) == 1
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_missing_file_and_wrong_kind(tmp_path, vibraverse):
+    assert "does not exist" in vibraverse("strike", tmp_path / "no.obj")[2]
+    (tmp_path / "a.txt").write_text("x")
+    assert "is no mesh file" in vibraverse("strike", tmp_path / "a.txt")[2]
+
+
+def test_every_material_of_the_table_is_offered(vibraverse):
+    _, out, _ = vibraverse("strike", "--help")
+    assert all(name in out for name in MATERIALS)
