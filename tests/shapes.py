@@ -44,9 +44,17 @@ def hollow_ball(radius: float = 0.9, cavity: float = 0.5, subdivisions: int = 3)
     return together(outside, (points, faces[:, ::-1]))
 
 
-def sheet(n: int = 24):
+def sheet(n: int = 12):
     """Return an open wavy sheet."""
     x, y = np.meshgrid(np.linspace(-0.9, 0.9, n), np.linspace(-0.9, 0.9, n), indexing="ij")
     vertices = np.stack([x, y, 0.2 * np.sin(3 * x) * np.cos(2 * y)], axis=-1).reshape(-1, 3)
     i = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
     return vertices, np.concatenate([np.stack([i, i + n, i + 1], 1), np.stack([i + 1, i + n, i + n + 1], 1)])
+
+
+def split(vertices, faces):
+    """Return the mesh with every triangle split into four."""
+    from trimesh.remesh import subdivide
+
+    points, cells = subdivide(vertices, faces)
+    return np.array(points), np.array(cells)

@@ -5,8 +5,8 @@ from __future__ import annotations
 import h5py
 import numpy as np
 import pytest
-import shapes
 
+import shapes
 from vibraverse import meshfiles
 from vibraverse.geometry import grids, surfaces
 from vibraverse.geometry.grids import cell_centres, coarse_mesh, occupancy, signed_distance, thickest_cell

@@ -72,6 +72,13 @@ def test_strike_gives_the_workflows_frequencies(finished, tmp_path, vibraverse, 
     assert facts["volume_m3"] == pytest.approx(volume_m3, rel=1e-9)
 
 
+def test_snakemakes_own_report(finished, tmp_path):
+    finished("--report", str(tmp_path / "report.html"))
+    page = (tmp_path / "report.html").read_text()
+    assert "index.tsv" in page
+    assert "refusals.tsv" in page
+
+
 def test_nothing_is_left_to_do(changed):
     assert changed.plan()[0] == {}
 

@@ -40,7 +40,7 @@ rule verdict:
         record=paths.dataset_record,
         page=paths.report,
     output:
-        verdict=paths.verdict,
+        verdict=report(paths.verdict, caption="../report/verdict.rst", category="Run"),
     log:
         paths.log("verdict"),
     conda:

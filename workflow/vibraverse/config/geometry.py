@@ -58,7 +58,7 @@ class Hollow(Section):
 class Tets(Section):
     """Tetrahedra."""
 
-    target_elements: PositiveInt = 6000
+    target_elements: PositiveInt = 5000
     """Number of tetrahedra to aim for."""
 
     max_volume_change: PositiveFloat = 0.005

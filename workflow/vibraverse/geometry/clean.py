@@ -34,11 +34,14 @@ _ENTERED = 0.5
 _DRAW_ROUNDS = 8
 #: A repair may change the sides of the bounding box by this much.
 _MAX_EXTENT_CHANGE = 0.02
-#: A body whose mean thickness 2V/A is below this is a sheet.
-_SHEET = 0.02
-#: More faces than this are thinned where it is harmless.
+#: A wrap whose mean thickness 2V/A is below this many distances from the soup has nothing inside it.
+_SHEET = 3.0
+#: More faces than this are thinned, where that moves the surface by no more than the first number and changes the
+#: volume by no more than the second as a share.
 _DENSE = 100_000
-_HARMLESS = 1e-4
+_MOVED, _HARMLESS = 3e-4, 1e-3
+#: Holes whose covers are larger than this share of a part's own area are openings, not holes.
+_MAX_COVER = 0.45
 
 
 @dataclass(frozen=True)
@@ -156,7 +159,11 @@ def _pieces(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> list[r
     bodies, closed = [], 0
     for part in repair.parts(*_weld(vertices, faces, notes)):
         if not surfaces.topology(part[1], len(part[0])).closed_manifold:
+            open_area = surfaces.area(*part)
             part = repair.close_holes(*part)
+            cover = surfaces.area(*part) / open_area - 1
+            if cover > _MAX_COVER:
+                raise Unfit(f"a part of which {100 * cover / (1 + cover):.0f} % would be made up")
             closed += 1
         part = part[0], repair.orient(*part)
         crossing = int(repair.crossing_faces(*part).sum())
@@ -204,11 +211,19 @@ def _wrap(vertices: np.ndarray, faces: np.ndarray, notes: list[str]) -> repair.M
         except Unfit:
             continue
         enclosed = max(enclosed, inside)
-        best = wrapped, [f"wrapped at {100 * alpha:g} % of the diagonal", *said]
+        thickness = 2 * surfaces.volume(*wrapped) / surfaces.area(*wrapped) / (offset * diagonal)
+        best = wrapped, thickness, [f"wrapped at {100 * alpha:g} % of the diagonal", *said]
     if best is None:
         raise Unfit("wrapping left it in pieces")
-    notes += best[1]
-    return best[0]
+    wrapped, thickness, said = best
+    if thickness < _SHEET:
+        raise Refused(
+            "not_a_solid",
+            "The surface is an open sheet: closing it gives a body of almost no thickness.",
+            "Give it a thickness in the program that made it.",
+        )
+    notes += said
+    return wrapped
 
 
 def _drawn_in(points: np.ndarray, triangles: np.ndarray, distance: float) -> repair.Mesh:
@@ -262,13 +277,6 @@ def _climb(vertices: np.ndarray, faces: np.ndarray) -> tuple[str, repair.Mesh, l
         except Unfit as unfit:
             complaint = str(unfit)
             continue
-        thickness = 2 * surfaces.volume(*body) / surfaces.area(*body)
-        if thickness < _SHEET and name == "wrap":
-            raise Refused(
-                "not_a_solid",
-                "The surface is an open sheet: closing it gives a body of almost no thickness.",
-                "Give it a thickness in the program that made it.",
-            )
         return name, body, notes
     raise Refused(
         "not_repairable",
@@ -277,9 +285,7 @@ def _climb(vertices: np.ndarray, faces: np.ndarray) -> tuple[str, repair.Mesh, l
     )
 
 
-def _largest(
-    pieces: list[repair.Mesh], notes: list[str], max_dropped: float = _MAX_DROPPED
-) -> repair.Mesh:
+def _largest(pieces: list[repair.Mesh], notes: list[str], max_dropped: float = _MAX_DROPPED) -> repair.Mesh:
     """Return the largest piece; raise when the others are more than crumbs."""
     volumes = np.array([abs(surfaces.volume(*piece)) for piece in pieces])
     if not len(volumes):
@@ -323,7 +329,7 @@ def _thin_out(vertices: np.ndarray, faces: np.ndarray) -> tuple[repair.Mesh, lis
     """Thin a very dense surface when that changes neither its volume nor its validity."""
     if len(faces) <= _DENSE:
         return (vertices, faces), []
-    thinner = repair.decimate(vertices, faces, _DENSE)
+    thinner = repair.simplify(vertices, faces, _MOVED)
     try:
         judge(*thinner)
     except Unfit:

@@ -89,7 +89,9 @@ def _mmg(
     """Run Mmg's surface remesher with a wanted size (V,) at every vertex."""
     from mmgpy import MmgMeshS
 
-    mesh = MmgMeshS(np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int32))
+    mesh = MmgMeshS(
+        np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int32)
+    )
     mesh["metric"] = sizes[:, None]
     mesh.remesh(
         hmax=float(sizes.max()),
@@ -102,9 +104,7 @@ def _mmg(
     return mesh.get_vertices().copy(), mesh.get_triangles().astype(np.int64)
 
 
-def _finer(
-    vertices: np.ndarray, sizes: np.ndarray, points: np.ndarray, crossing: np.ndarray
-) -> np.ndarray:
+def _finer(vertices: np.ndarray, sizes: np.ndarray, points: np.ndarray, crossing: np.ndarray) -> np.ndarray:
     """Return the wanted sizes halved around the faces that cross."""
     from scipy.spatial import cKDTree
 
@@ -113,9 +113,7 @@ def _finer(
     return np.where(distance < 1.5 * reach[nearest] + 1e-9, 0.5 * sizes, sizes)
 
 
-def _fitted(
-    closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray
-) -> np.ndarray:
+def _fitted(closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return ``points`` moved so that ``triangles`` deviate from the original evenly, with its volume.
 
     ``closest`` finds points of the original surface, ``wanted`` is its volume; ``points`` (P, 3) are near it.
@@ -161,9 +159,7 @@ def move(points: np.ndarray, step: np.ndarray, triangles: np.ndarray) -> np.ndar
     return points + step
 
 
-def _match_volume(
-    base: np.ndarray, fitted: np.ndarray, triangles: np.ndarray, wanted: float
-) -> np.ndarray:
+def _match_volume(base: np.ndarray, fitted: np.ndarray, triangles: np.ndarray, wanted: float) -> np.ndarray:
     """Return ``base + s (fitted - base)`` with ``s`` near 1 such that the enclosed volume is ``wanted``."""
     step = fitted - base
     scale, now = 1.0, volume(fitted, triangles)

@@ -121,9 +121,9 @@ def patch(vertices: np.ndarray, faces: np.ndarray, rounds: int = 5) -> Mesh:
     for ring in range(rounds):
         session = _meshlab(vertices, faces)
         session.compute_selection_by_self_intersections_per_face()
-        if not session.current_mesh().selected_face_number():
-            if surfaces.topology(faces, len(vertices)).closed_manifold:
-                break
+        crossing = session.current_mesh().selected_face_number()
+        if not crossing and surfaces.topology(faces, len(vertices)).closed_manifold:
+            break
         for _ in range(ring):
             session.apply_selection_dilatation()
         session.meshing_remove_selected_faces()
@@ -143,21 +143,9 @@ def join(bodies: list[Mesh], tolerance: float) -> list[Mesh]:
     """
     import manifold3d
 
-    solids = []
-    for vertices, faces in bodies:
-        solid = manifold3d.Manifold(
-            manifold3d.Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.uint64))
-        )
-        if solid.status() != manifold3d.Error.NoError:
-            raise ValueError(solid.status().name)
-        solids.append(solid)
-    union = manifold3d.Manifold.batch_boolean(solids, manifold3d.OpType.Add)
+    union = manifold3d.Manifold.batch_boolean([_solid(*body) for body in bodies], manifold3d.OpType.Add)
     pieces = sorted(union.decompose(), key=lambda piece: -piece.volume())
-    meshes = [piece.simplify(tolerance).to_mesh64() for piece in pieces]
-    return [
-        (np.array(mesh.vert_properties[:, :3], dtype=np.float64), np.array(mesh.tri_verts, dtype=np.int64))
-        for mesh in meshes
-    ]
+    return [_mesh(piece.simplify(tolerance)) for piece in pieces]
 
 
 def wrap(vertices: np.ndarray, faces: np.ndarray, alpha: float, offset: float) -> Mesh:
@@ -174,10 +162,23 @@ def wrap(vertices: np.ndarray, faces: np.ndarray, alpha: float, offset: float) -
     return _arrays(session)
 
 
-def decimate(vertices: np.ndarray, faces: np.ndarray, target: int) -> Mesh:
-    """Reduce a closed surface to ``target`` faces where quadric errors say it costs least."""
-    session = _meshlab(vertices, faces)
-    session.meshing_decimation_quadric_edge_collapse(
-        targetfacenum=target, preservetopology=True, preservenormal=True, planarquadric=True
+def simplify(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh:
+    """Thin a closed surface where that moves it by less than ``tolerance``."""
+    return _mesh(_solid(vertices, faces).simplify(tolerance))
+
+
+def _solid(vertices: np.ndarray, faces: np.ndarray):
+    """Return a closed surface as manifold3d holds it; raises ``ValueError`` when it is not one."""
+    import manifold3d
+
+    solid = manifold3d.Manifold(
+        manifold3d.Mesh64(np.ascontiguousarray(vertices), np.ascontiguousarray(faces, dtype=np.uint64))
     )
-    return surfaces.compact(*_arrays(session))
+    if solid.status() != manifold3d.Error.NoError:
+        raise ValueError(solid.status().name)
+    return solid
+
+
+def _mesh(solid) -> Mesh:
+    mesh = solid.to_mesh64()
+    return np.array(mesh.vert_properties[:, :3], dtype=np.float64), np.array(mesh.tri_verts, dtype=np.int64)

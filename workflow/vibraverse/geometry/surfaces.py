@@ -164,6 +164,8 @@ def fan_labels(faces: np.ndarray, edge_of: np.ndarray) -> np.ndarray:
     ends = faces.ravel()
     aligned = ends[first] == ends[second]
     left = np.concatenate([first, after[first]])
-    right = np.concatenate([np.where(aligned, second, after[second]), np.where(aligned, after[second], second)])
+    right = np.concatenate(
+        [np.where(aligned, second, after[second]), np.where(aligned, after[second], second)]
+    )
     graph = coo_array((np.ones(len(left), np.int8), (left, right)), shape=(n, n))
     return connected_components(graph, directed=False)[1]

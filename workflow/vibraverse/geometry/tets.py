@@ -77,7 +77,7 @@ def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
 
 
 def tetrahedralise(
-    vertices: np.ndarray, faces: np.ndarray, target_elements: int = 6000, max_volume_change: float = 0.005
+    vertices: np.ndarray, faces: np.ndarray, target_elements: int = 5000, max_volume_change: float = 0.005
 ) -> TetMesh:
     """Fill a closed, oriented, manifold surface with about ``target_elements`` tetrahedra.
 
@@ -159,7 +159,9 @@ def _first_size(area: float, volume: float, target: int) -> float:
     low, high = 1e-4, 2.0
     for _ in range(60):
         middle = np.sqrt(low * high)
-        low, high = (middle, high) if 8 * area / middle**2 + 8 * volume / middle**3 > target else (low, middle)
+        low, high = (
+            (middle, high) if 8 * area / middle**2 + 8 * volume / middle**3 > target else (low, middle)
+        )
     return float(high)
 
 

@@ -52,7 +52,10 @@ STAGE = Stage(
     name="hollow",
     help="take the inside out of the body",
     inputs={"surface": "cleaned surface (PLY)", "grids": "its signed distance (HDF5)"},
-    outputs={"hollow_surface": "outside and cavity surfaces (PLY)", "record": "thickness and cavities (JSON)"},
+    outputs={
+        "hollow_surface": "outside and cavity surfaces (PLY)",
+        "record": "thickness and cavities (JSON)",
+    },
     run=run,
     options=Hollow,
     libraries=("h5py", "mmgpy", "numpy", "open3d", "pymeshlab", "vtk"),

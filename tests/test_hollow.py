@@ -1,0 +1,152 @@
+"""hollow: cavities of bodies with a formula, thin bodies, and the stage's products."""
+
+from __future__ import annotations
+
+import json
+
+import h5py
+import numpy as np
+import pytest
+
+import shapes
+from vibraverse import meshfiles
+from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.closest import ClosestPoint
+from vibraverse.geometry.grids import DistanceField, signed_distance
+from vibraverse.geometry.hollow import deepest_point, hollow
+from vibraverse.refusal import Refused, read_refusal
+from vibraverse.seeds import rng
+
+
+def check_hollow(body, vertices, faces):
+    """Assert what holds for every hollow body; return its cavities as outward surfaces."""
+    assert np.array_equal(body.vertices[: len(vertices)], vertices)
+    assert np.array_equal(body.faces[: len(faces)], faces)
+    found = surfaces.topology(body.faces, len(body.vertices))
+    assert found.closed_manifold
+    assert found.components == 1 + len(body.cavities)
+    assert not repair.crossing_faces(body.vertices, body.faces).any()
+    inside = body.faces[len(faces) :, ::-1]
+    points, triangles = surfaces.compact(body.vertices, inside)
+    assert all(surfaces.volume(*part) > 0 for part in repair.parts(points, triangles))
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(
+        surfaces.volume(vertices, faces) - sum(body.cavities)
+    )
+    return points, triangles
+
+
+@pytest.fixture(scope="module")
+def ball():
+    vertices, faces = shapes.ball(subdivisions=3)
+    return vertices, faces, signed_distance(vertices, faces, 48)
+
+
+@pytest.mark.parametrize("t", [0.3, 0.5, 0.7])
+def test_a_ball_gets_a_concentric_cavity(ball, t):
+    body = hollow(*ball, t)
+    points, _ = check_hollow(body, *ball[:2])
+    assert body.s_min == pytest.approx(-0.9, abs=6e-3)  # facets lie below the sphere
+    assert np.linalg.norm(body.deepest) < 1e-2
+    assert np.allclose(np.linalg.norm(points, axis=1), 0.9 * (1 - t), atol=9e-3)
+    assert body.cavities[0] == pytest.approx(4 / 3 * np.pi * (0.9 * (1 - t)) ** 3, rel=0.05)
+    assert body.specks == 0
+
+
+def test_the_wall_of_a_box_is_as_thick_as_asked():
+    vertices, faces = shapes.box((1.8, 1.0, 0.7))
+    body = hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.4)
+    points, triangles = check_hollow(body, vertices, faces)
+    assert body.s_min == pytest.approx(-0.35, abs=1e-5)
+    wall = np.linalg.norm(ClosestPoint(vertices, faces)(points) - points, axis=1)
+    assert np.percentile(wall, 10) == pytest.approx(0.14, abs=0.01)
+    assert wall.min() > 0.12
+    sides = np.array([1.8, 1.0, 0.7]) - 0.28
+    assert body.cavities[0] == pytest.approx(sides.prod(), rel=0.03)
+    assert len(triangles) < 6000
+
+
+def test_the_deepest_point_is_found_below_the_grid():
+    vertices, faces = shapes.box((1.8, 0.731, 0.5))
+    centre = np.array([0.01, 0.02, 0.0137])
+    field = DistanceField(vertices + centre, faces)
+    s_min, point = deepest_point(field, signed_distance(vertices + centre, faces, 32))
+    assert s_min == pytest.approx(-0.25, abs=1e-5)
+    assert point[2] == pytest.approx(0.0137, abs=1e-4)
+
+
+def test_two_rooms_joined_by_a_thin_neck_stay_two():
+    (a, b), join = (shapes.ball(0.4, 3, (0, 0, z)) for z in (-0.5, 0.5)), shapes.cylinder(0.06, 0.6, 24)
+    vertices, faces = repair.join([a, b, join], 1e-6)[0]
+    body = hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.5)
+    check_hollow(body, vertices, faces)
+    assert len(body.cavities) == 2
+    assert body.cavities[0] == pytest.approx(body.cavities[1], rel=0.01)
+    assert body.cavities[0] == pytest.approx(4 / 3 * np.pi * 0.2**3, rel=0.06)
+
+
+def test_a_thin_plate_is_sampled_finer():
+    vertices, faces = shapes.box((1.8, 1.0, 0.12))
+    body = hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.5)
+    check_hollow(body, vertices, faces)
+    # The cavity is less than two grid cells thick.
+    assert body.cavities[0] == pytest.approx(1.74 * 0.94 * 0.06, rel=0.05)
+
+
+@pytest.mark.parametrize("thickness", [0.01, 0.03])
+def test_a_body_too_thin_for_a_cavity_is_refused(thickness):
+    vertices, faces = shapes.box((1.8, 1.0, thickness))
+    with pytest.raises(Refused) as refused:
+        hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.5)
+    assert refused.value.reason == "too_thin"
+    assert refused.value.advice
+
+
+@pytest.fixture
+def run(vibraverse, tmp_path):
+    """Run the stage on a surface and its grid; return the products."""
+
+    def call(vertices, faces, distance, name="run", **options):
+        meshfiles.write_ply(tmp_path / "surface.ply", vertices, faces)
+        with h5py.File(tmp_path / "grids.h5", "w") as h5:
+            h5["signed_distance"] = distance
+        products = tmp_path / f"{name}.ply", tmp_path / f"{name}.json"
+        status, _, errors = vibraverse(
+            *("hollow", "--object", "mine", "--surface", tmp_path / "surface.ply"),
+            *("--grids", tmp_path / "grids.h5", "--hollow-surface", products[0], "--record", products[1]),
+            *("--options", json.dumps(options)),
+        )
+        assert status == 0, errors
+        return products
+
+    return call
+
+
+def test_the_stage_draws_the_wall_by_the_objects_seed(run, ball):
+    surface, record = run(*ball)
+    said = json.loads(record.read_text())
+    assert said["t"] == float(rng("mine", "hollow").uniform(0.3, 0.7))
+    assert said["wall"] == pytest.approx(-said["t"] * said["s_min"])
+    vertices, faces = meshfiles.read_ply(surface)
+    assert surfaces.volume(vertices, faces) == pytest.approx(said["volume"])
+    assert said["outside_triangles"] == len(ball[1])
+    again = run(*ball, name="again")
+    assert [path.read_bytes() for path in again] == [surface.read_bytes(), record.read_bytes()]
+
+
+def test_the_stage_refuses_a_thin_body(run):
+    vertices, faces = shapes.box((1.8, 1.0, 0.01))
+    surface, record = run(vertices, faces, signed_distance(vertices, faces, 32))
+    assert read_refusal(surface) == read_refusal(record)
+    assert read_refusal(record).reason == "too_thin"
+
+
+@pytest.mark.parametrize("thickness", [[0.7, 0.3], [0.0, 0.5], [0.5, 1.0]])
+def test_an_impossible_range_is_one_sentence(vibraverse, tmp_path, thickness):
+    paths = [tmp_path / name for name in ("s.ply", "g.h5", "h.ply", "h.json")]
+    keys = ("--surface", "--grids", "--hollow-surface", "--record")
+    arguments = [item for pair in zip(keys, paths, strict=True) for item in pair]
+    options = json.dumps({"thickness": thickness})
+    status, _, errors = vibraverse("hollow", "--object", "mine", *arguments, "--options", options)
+    assert status == 2
+    assert "hollow.thickness" in errors
+    assert len(errors.strip().splitlines()) == 1

@@ -1,0 +1,191 @@
+"""tets: volumes, features, quality and validity of what is filled, and the stage's products."""
+
+from __future__ import annotations
+
+import json
+
+import meshio
+import numpy as np
+import pytest
+
+import shapes
+from vibraverse import meshfiles
+from vibraverse.config.geometry import Tets
+from vibraverse.geometry import quality, surfaces
+from vibraverse.geometry.fill import fill
+from vibraverse.geometry.remesh import SheetsMeet, remesh
+from vibraverse.geometry.tets import mesh_body, tetrahedralise
+from vibraverse.refusal import Refused, read_refusal
+
+TARGET = 2000
+
+
+def check_mesh(mesh, vertices, faces, target=TARGET):
+    """Assert what holds for every mesh of a body."""
+    volumes = quality.volumes(mesh.points, mesh.cells)
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(surfaces.volume(vertices, faces), rel=1e-9)
+    assert np.array_equal(np.unique(mesh.cells), np.arange(len(mesh.points)))
+    assert quality.parts(mesh.cells, len(mesh.points)) == 1
+    assert 0.7 * target < len(mesh.cells) < 1.35 * target
+    # The boundary of the tetrahedra is closed: every face belongs to two of them or to the surface.
+    triangles = np.sort(mesh.cells[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
+    _, count = np.unique(triangles, axis=0, return_counts=True)
+    assert count.max() == 2
+    assert mesh.quality["min_dihedral_deg"]["p05"] > 15
+
+
+def test_a_cube_stays_a_cube():
+    vertices, faces = shapes.box()
+    mesh = tetrahedralise(vertices, faces, TARGET)
+    check_mesh(mesh, vertices, faces)
+    assert np.abs(mesh.points).max() == 0.9
+    for corner in vertices:
+        assert (np.linalg.norm(mesh.points - corner, axis=1) < 1e-12).sum() == 1
+    assert mesh.quality["min_dihedral_deg"]["min"] > 10
+
+
+def test_a_ball_keeps_volume_and_inertia():
+    vertices, faces = shapes.ball(subdivisions=5)
+    mesh = tetrahedralise(vertices, faces, TARGET)
+    check_mesh(mesh, vertices, faces)
+    # Second moments of the tetrahedra: those of the ball are V R²/5 along every axis.
+    volumes = quality.volumes(mesh.points, mesh.cells)
+    corner = mesh.points[mesh.cells]
+    moments = ((corner**2).sum(axis=1) + corner.sum(axis=1) ** 2) / 20
+    assert np.allclose(volumes @ moments, volumes.sum() * 0.9**2 / 5, rtol=5e-3)
+
+
+def test_a_cylinder_keeps_its_rims():
+    vertices, faces = shapes.cylinder(0.5, 1.8)
+    mesh = tetrahedralise(vertices, faces, TARGET)
+    check_mesh(mesh, vertices, faces)
+    assert np.abs(mesh.points[:, 2]).max() == pytest.approx(0.9, abs=2e-3)
+    rim = mesh.points[np.abs(np.abs(mesh.points[:, 2]) - 0.9) < 2e-3]
+    assert np.hypot(*rim.T[:2]).max() == pytest.approx(0.5, abs=5e-3)
+
+
+def test_a_cavity_stays_empty():
+    vertices, faces = shapes.hollow_ball(0.9, 0.5)
+    mesh = tetrahedralise(vertices, faces, TARGET)
+    check_mesh(mesh, vertices, faces)
+    middles = mesh.points[mesh.cells].mean(axis=1)
+    assert np.linalg.norm(middles, axis=1).min() > 0.5
+    assert np.linalg.norm(mesh.points, axis=1).min() == pytest.approx(0.5, abs=0.02)
+
+
+def test_several_cavities_are_all_left_out():
+    outside = shapes.box((1.8, 0.8, 0.8))
+    holes = [shapes.ball(0.25, 3, (x, 0, 0)) for x in (-0.5, 0.5)]
+    vertices, faces = shapes.together(outside, *((points, cells[:, ::-1]) for points, cells in holes))
+    check_mesh(tetrahedralise(vertices, faces, TARGET), vertices, faces)
+
+
+def test_walls_thinner_than_the_triangles_are_meshed():
+    vertices, faces = shapes.hollow_ball(0.9, 0.84, subdivisions=4)
+    mesh = tetrahedralise(vertices, faces, 4000)
+    volumes = quality.volumes(mesh.points, mesh.cells)
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(surfaces.volume(vertices, faces), rel=5e-3)
+
+
+def test_the_same_surface_gives_the_same_bits():
+    vertices, faces = shapes.hollow_ball(0.9, 0.5)
+    one, two = (tetrahedralise(vertices, faces, 1000) for _ in range(2))
+    assert np.array_equal(one.points, two.points)
+    assert np.array_equal(one.cells, two.cells)
+    assert one.quality == two.quality
+
+
+def test_a_child_process_gives_the_same_mesh():
+    vertices, faces = shapes.box()
+    child = mesh_body(vertices, faces, Tets(target_elements=500))
+    here = tetrahedralise(vertices, faces, 500)
+    assert np.array_equal(child.points, here.points)
+    assert np.array_equal(child.cells, here.cells)
+
+
+def test_remeshing_bounds_the_distance_from_the_original():
+    vertices, faces = shapes.ball(subdivisions=5)
+    points, triangles = remesh(vertices, faces, 0.2)
+    assert surfaces.topology(triangles, len(points)).closed_manifold
+    assert surfaces.volume(points, triangles) == pytest.approx(surfaces.volume(vertices, faces), rel=1e-12)
+    middles = points[triangles].mean(axis=1)
+    assert np.abs(np.linalg.norm(middles, axis=1) - 0.9).max() < 0.06 * 0.2
+    assert surfaces.edge_lengths(points, triangles).max() < 2 * 0.2
+
+
+def test_sheets_that_cut_each_other_are_noticed():
+    a, b = shapes.ball(0.5, 3), shapes.ball(0.5, 3, (0.3, 0, 0))
+    with pytest.raises(SheetsMeet):
+        remesh(*shapes.together(a, b), 0.2)
+
+
+def test_a_surface_that_cuts_itself_is_refused():
+    a, b = shapes.ball(0.5, 3), shapes.ball(0.5, 3, (0.3, 0, 0))
+    with pytest.raises(Refused) as refused:
+        tetrahedralise(*shapes.together(a, b), 500)
+    assert refused.value.reason == "meshing_failed"
+    assert refused.value.advice
+
+
+def test_gmsh_failures_carry_its_words():
+    vertices, faces = shapes.box()
+    with pytest.raises(Refused) as refused:
+        fill(vertices, faces[2:])
+    assert refused.value.reason == "meshing_failed"
+    assert "gmsh" in refused.value.message
+
+
+def test_a_timeout_is_a_refusal():
+    with pytest.raises(Refused) as refused:
+        mesh_body(*shapes.ball(subdivisions=6), Tets(target_elements=500_000, limits={"seconds": 1}))
+    assert refused.value.reason == "limit"
+
+
+def test_quality_of_a_regular_and_a_flat_tetrahedron():
+    regular = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]])
+    flat = regular * [1, 1, 1e-3]
+    cells = np.array([[0, 1, 2, 3]])
+    if quality.volumes(regular, cells)[0] < 0:
+        cells = cells[:, [1, 0, 2, 3]]
+    assert quality.volumes(regular, cells)[0] == pytest.approx(8 / 3)
+    assert quality.min_dihedral_deg(regular, cells)[0] == pytest.approx(np.degrees(np.arccos(1 / 3)))
+    assert quality.radius_ratios(regular, cells)[0] == pytest.approx(1.0)
+    assert quality.min_dihedral_deg(flat, cells)[0] < 0.2
+    assert quality.radius_ratios(flat, cells)[0] < 1e-2
+
+
+@pytest.mark.parametrize("solidity", ["solid", "hollow"])
+def test_the_stage_writes_tetrahedra_and_their_quality(vibraverse, tmp_path, solidity):
+    vertices, faces = shapes.ball(subdivisions=3) if solidity == "solid" else shapes.hollow_ball()
+    meshfiles.write_ply(tmp_path / "surface.ply", vertices, faces)
+    products = []
+    for name in ("one", "two"):
+        status, _, errors = vibraverse(
+            *("tets", "--object", "mine", "--solidity", solidity, "--surface", tmp_path / "surface.ply"),
+            *("--tets", tmp_path / f"{name}.msh", "--record", tmp_path / f"{name}.json"),
+            *("--options", json.dumps({"target_elements": 800})),
+        )
+        assert status == 0, errors
+        products.append([(tmp_path / f"{name}.{end}").read_bytes() for end in ("msh", "json")])
+    assert products[0] == products[1]
+    mesh = meshio.read(tmp_path / "one.msh")
+    said = json.loads(products[0][1])
+    assert [block.type for block in mesh.cells] == ["tetra"]
+    assert (said["vertices"], said["tetrahedra"]) == (len(mesh.points), len(mesh.cells[0].data))
+    assert quality.volumes(mesh.points, mesh.cells[0].data).sum() == pytest.approx(said["volume"])
+    assert said["volume"] == pytest.approx(said["surface_volume"], rel=1e-9)
+    assert said["quality"]["radius_ratio"]["median"] > 0.5
+
+
+def test_the_stage_refuses_what_it_cannot_fill(vibraverse, tmp_path):
+    a, b = shapes.ball(0.5, 3), shapes.ball(0.5, 3, (0.3, 0, 0))
+    meshfiles.write_ply(tmp_path / "surface.ply", *shapes.together(a, b))
+    status, _, errors = vibraverse(
+        *("tets", "--object", "mine", "--solidity", "solid", "--surface", tmp_path / "surface.ply"),
+        *("--tets", tmp_path / "t.msh", "--record", tmp_path / "t.json"),
+    )
+    assert status == 0
+    assert "Traceback" not in errors
+    assert read_refusal(tmp_path / "t.msh").reason == "meshing_failed"
