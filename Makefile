@@ -5,7 +5,7 @@ LEARN ?= .venv-learn
 CORES ?= all
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help env demo test lint lock clean dev learn
+.PHONY: help env demo test lint lock docs clean dev learn
 unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
 # The environment's commands first, so that rules and tests find `vibraverse`.
@@ -41,6 +41,11 @@ learn:  ## make or update .venv-learn, the environment with torch
 
 lock: env  ## write envs/*.txt and envs/*.yaml anew from pyproject.toml (UPGRADE=1: newest versions)
 	@$(IN_VENV) python envs/lock.py $(if $(UPGRADE),--upgrade)
+
+docs: dev  ## write the configuration's schema and reference anew, after a change of its sections
+	@$(IN_VENV) vibraverse config schema > workflow/schemas/config.schema.json
+	@sed -i '/^## Top level/,$$d' docs/configuration.md
+	@$(IN_VENV) vibraverse config reference >> docs/configuration.md
 
 clean:  ## remove environments and caches; results stay
 	@for venv in '$(VENV)' '$(LEARN)'; do if [ -e "$$venv/.vibraverse" ]; then rm -rf "$$venv"; fi; done
