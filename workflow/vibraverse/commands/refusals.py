@@ -14,6 +14,9 @@ from vibraverse.dataset.tables import from_tsv
 from vibraverse.paths import SOLIDITIES, Paths
 from vibraverse.refusal import REASONS, read_refusal
 
+#: Refusals of one reason that a listing shows.
+_SHOWN = 20
+
 
 def main(argv: list[str]) -> int:
     """List the refusals; with ``--retry`` delete them, with ``--check`` judge their share."""
@@ -113,10 +116,12 @@ def listing(state: State) -> str:
     lines = [f"{state.refused} of {state.objects} objects refused, {partly} more in part."]
     for reason, rows in state.by_reason().items():
         lines += ["", f"{reason} ({len(rows)}): {REASONS[reason]}"]
-        for row in rows:
+        for row in rows[:_SHOWN]:
             name = f"{row['object']} ({row['solidity']})" if row["solidity"] else row["object"]
             lines.append(f"  {name}, at {row['stage']}: {row['message']}")
             lines += [f"      {row['advice']}"] if row["advice"] else []
+        if len(rows) > _SHOWN:
+            lines.append(f"  … and {len(rows) - _SHOWN} more; dataset/refusals.tsv lists all")
     return "\n".join(lines) + "\n"
 
 
