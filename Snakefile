@@ -39,5 +39,7 @@ onsuccess:
 
 
 onerror:
-    print("The run did not finish. What is done stays; the same command goes on from here.")
+    print("The run ended with an error. What is done stays; repeat the command when its cause is mended.")
     print(f"Logs: {paths.results}/logs")
+    if os.path.exists(paths.report):
+        print(f"The report, as far as it goes: {paths.report}")

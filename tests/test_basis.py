@@ -194,7 +194,7 @@ def test_inverted_and_flat_elements_are_refused(mesh):
     points, cells = mesh
     inverted = cells.copy()
     inverted[3] = inverted[3, [1, 0, 2, 3]]
-    with pytest.raises(Refused, match="1 of .* tetrahedra have zero or negative volume"):
+    with pytest.raises(Refused, match=r"1 of .* tetrahedra have zero or negative volume"):
         assemble(points, inverted)
     flat = points.copy()
     flat[:, 2] = 0

@@ -10,6 +10,7 @@ import signal
 import time
 
 import pytest
+import yaml
 
 from vibraverse.refusal import read_refusal
 from workflow_runs import Run
@@ -172,6 +173,20 @@ def test_only_one_run_at_a_time(finished, tmp_path):
     finally:
         os.killpg(process.pid, signal.SIGKILL)
         process.wait()
+
+
+def test_a_configuration_file_stands_alone(finished, tmp_path):
+    """What ``vibraverse config show FILE`` says is what runs, whatever ``config.yaml`` says; spaces do no harm."""
+    run = Run(tmp_path, finished.root)
+    run.config["results"] = "my results"
+    run.config["materials"] = {"glass": None}
+    (tmp_path / "only.yaml").write_text(yaml.safe_dump(run.config))
+    run.config = {"materials": {"tin": None}}
+    done = run("--dry-run", "--printshellcmds", "--configfile", str(tmp_path / "only.yaml"))
+    text = done.stdout + done.stderr
+    assert "'my results/objects/bar-0000/solid/sounds/glass.wav'" in text
+    assert "> 'my results/logs/bar-0000/audio.solid.log' 2>&1" in text
+    assert "tin" not in text
 
 
 @pytest.mark.parametrize(

@@ -37,7 +37,7 @@ class Run:
         (self.folder / "config.yaml").write_text(yaml.safe_dump(self.config))
         return [
             sys.executable, "-m", "snakemake", "--snakefile", str(self.root / "Snakefile"),
-            "--directory", str(self.folder), "--configfile", str(self.folder / "config.yaml"),
+            "--directory", str(self.folder),
             "--workflow-profile", str(self.root / "workflow/profiles/default"), "--cores", "2", *arguments,
         ]  # fmt: skip
 

@@ -27,4 +27,4 @@ rule basis:
         "--tets {input.tets:q} "
         "--basis {output.basis:q} "
         "--options {params.options:q} "
-        "--threads {threads} > {log} 2>&1"
+        "--threads {threads} > {log:q} 2>&1"

@@ -8,8 +8,12 @@ from vibraverse.plan import Plan
 from vibraverse.resources import memory, minutes
 from vibraverse.stages import VERSIONS
 
+# Snakemake would merge a file given with --configfile into config.yaml; here it stands alone, so that what
+# `vibraverse config show FILE` says is what runs. Single keys of --config go on top of either.
+chosen = workflow.config_settings.overwrite_config if workflow.overwrite_configfiles else config
+
 try:
-    plan = Plan(config)
+    plan = Plan(chosen)
 except ConfigError as error:
     print(f"vibraverse: {error}", file=sys.stderr)
     sys.exit(2)

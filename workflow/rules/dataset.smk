@@ -25,7 +25,7 @@ rule dataset:
         "vibraverse dataset "
         "--shard {output.shard:q} "
         "--options {params.options:q} "
-        "--threads {threads} > {log} 2>&1"
+        "--threads {threads} > {log:q} 2>&1"
 
 
 rule index:
@@ -55,4 +55,4 @@ rule index:
         "--index {output.index:q} "
         "--refusals {output.refusals:q} "
         "--record {output.record:q} "
-        "--threads {threads} > {log} 2>&1"
+        "--threads {threads} > {log:q} 2>&1"

@@ -29,4 +29,4 @@ rule grids:
         "--grids {output.grids:q} "
         "--coarse {output.coarse:q} "
         "--options {params.options:q} "
-        "--threads {threads} > {log} 2>&1"
+        "--threads {threads} > {log:q} 2>&1"

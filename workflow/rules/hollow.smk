@@ -31,4 +31,4 @@ rule hollow:
         "--hollow-surface {output.hollow_surface:q} "
         "--record {output.record:q} "
         "--options {params.options:q} "
-        "--threads {threads} > {log} 2>&1"
+        "--threads {threads} > {log:q} 2>&1"

@@ -29,4 +29,4 @@ rule modes:
         "--clean-record {input.clean_record:q} "
         "--modes {output.modes:q} "
         "--options {params.options:q} "
-        "--threads {threads} > {log} 2>&1"
+        "--threads {threads} > {log:q} 2>&1"

@@ -32,7 +32,7 @@ rule report:
         "--record {input.record:q} "
         "--page {output.page:q} "
         "--options {params.options:q} "
-        "--threads {threads} > {log} 2>&1"
+        "--threads {threads} > {log:q} 2>&1"
 
 
 rule verdict:
@@ -43,6 +43,7 @@ rule verdict:
         verdict=report(paths.verdict, caption="../report/verdict.rst", category="Run"),
     log:
         paths.log("verdict"),
+    retries: 0
     conda:
         "../../envs/dataset.yaml"
     threads: 1
@@ -54,4 +55,4 @@ rule verdict:
     message:
         "the verdict on the run"
     shell:
-        "vibraverse refusals --record {input.record:q} --check {params.share} --verdict {output.verdict:q} > {log} 2>&1"
+        "vibraverse refusals --record {input.record:q} --check {params.share} --verdict {output.verdict:q} > {log:q} 2>&1"

@@ -27,4 +27,4 @@ rule sources:
     shell:
         "vibraverse sources --object {wildcards.object} {params.file} "
         "--mesh {output.mesh:q} --record {output.record:q} "
-        "--options {params.options:q} --threads {threads} > {log} 2>&1"
+        "--options {params.options:q} --threads {threads} > {log:q} 2>&1"

@@ -29,4 +29,4 @@ rule tets:
         "--tets {output.tets:q} "
         "--record {output.record:q} "
         "--options {params.options:q} "
-        "--threads {threads} > {log} 2>&1"
+        "--threads {threads} > {log:q} 2>&1"

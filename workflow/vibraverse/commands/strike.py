@@ -28,6 +28,8 @@ from vibraverse.refusal import Refused, read_refusal
 
 #: Estimated relative frequency error above which strike warns.
 _TOLERANCE = 1e-4
+#: Factor by which the number of tetrahedra may miss the target before strike says so.
+_FAR = 1.5
 _OVERRIDES = {
     "density_kg_m3": "rho",
     "young_pa": "young",
@@ -111,14 +113,15 @@ def parser() -> argparse.ArgumentParser:
 
 def main(argv: list[str]) -> int:
     """Run the command; exit status 0, or 2 with one sentence when the input cannot be used."""
-    arguments = parser().parse_args(argv)
+    arguments = parser().parse_args(_with_negative_point(argv))
     plan = _Strike(arguments)
     set_threads(arguments.threads)
     with tempfile.TemporaryDirectory(prefix="vibraverse-strike-") as folder:
         try:
             facts, sound = plan.run(Path(folder))
         except Refused as refused:
-            print(f"vibraverse: {plan.mesh}: {refused} [{refused.reason}]", file=sys.stderr)
+            about = "" if plan.mesh.name in refused.message else f"{plan.mesh.name}: "
+            print(f"vibraverse: {about}{refused} [{refused.reason}]", file=sys.stderr)
             return 2
         with products.whole(plan.output) as partial:
             shutil.copyfile(sound, partial)
@@ -279,12 +282,21 @@ class _Strike:
             frequencies, damping = group["frequencies_hz"][()], group["damping_per_s"][()]
             error, mass_kg = group["relative_error"][()], float(group.attrs["mass_kg"])
         (rendered,) = audio["sounds"].values()
+        struck_at = rendered["struck_at"]
+        if struck_at is not None:
+            struck_at = [x / clean["scale"] + c for x, c in zip(struck_at, clean["centre"], strict=True)]
         warnings = [f"clean: {note}" for note in clean.get("repairs", [])]
+        target = self.options["tets"].target_elements
+        if not target / _FAR <= tets["tetrahedra"] <= target * _FAR:
+            warnings.append(
+                f"tets: {tets['tetrahedra']} tetrahedra instead of {target}; the shape needs its own number"
+            )
         if error.max() > _TOLERANCE:
             warnings.append(f"modes: the estimated frequency error reaches {error.max():.1e}")
         if rendered["modes_above_nyquist"]:
             warnings.append(
-                f"audio: {rendered['modes_above_nyquist']} modes are too high for the sample rate and left out"
+                f"audio: {rendered['modes_above_nyquist']} modes are too high for the sample rate and left out; "
+                "a larger --size lowers them"
             )
         if rendered["modes_overdamped"]:
             warnings.append(f"audio: {rendered['modes_overdamped']} modes are overdamped and do not ring")
@@ -305,8 +317,19 @@ class _Strike:
             "damping_per_s": damping.tolist(),
             "relative_error": error.tolist(),
             "duration_s": rendered["duration_s"],
+            "struck_at": struck_at,
             "warnings": warnings,
         }
+
+
+def _with_negative_point(argv: list[str]) -> list[str]:
+    """Return the arguments with ``--at -1,0,0`` as ``--at=-1,0,0``; argparse takes the former for an option."""
+    joined = list(argv)
+    for i, argument in enumerate(argv[:-1]):
+        if argument == "--at":
+            joined[i : i + 2] = [f"--at={argv[i + 1]}"]
+            break
+    return joined
 
 
 def _as_flag(sentence: str) -> str:
@@ -324,6 +347,9 @@ def _tell(facts: dict, output: Path, stream) -> None:
         f"lowest of {len(facts['frequencies_hz'])} modes: {first} Hz",
         file=stream,
     )
+    if facts["struck_at"] is not None:
+        point = ", ".join(f"{x:.4g}" for x in facts["struck_at"])
+        print(f"struck at ({point}), the surface point nearest to the one asked for", file=stream)
     for warning in facts["warnings"]:
         print(f"note: {warning}", file=stream)
     print(f"wrote {output} ({facts['duration_s']:.2f} s)", file=stream)

@@ -88,7 +88,7 @@ class Config(Section):
 
 def unknown(kind: str, name: str, known) -> str:
     """Return the sentence for an unknown name, with the nearest known one."""
-    near = difflib.get_close_matches(str(name), [str(k) for k in known], n=1, cutoff=0.0)
+    near = difflib.get_close_matches(str(name), [str(k) for k in known], n=1, cutoff=0.5)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"unknown {kind} {str(name)!r}{hint} (known: {', '.join(map(str, known))})"
 

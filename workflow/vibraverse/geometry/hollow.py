@@ -24,8 +24,13 @@ _FEWEST = 1.5
 #: Width of the Gaussian, in samples, that takes away blades and lace too thin for the samples. It leaves the
 #: distance unchanged where that is linear, which is all but the cavity's edges.
 _SMOOTHING = 0.6
+#: A cavity ends where it would reach less than this many samples; how deep the body is nearby is looked for so many
+#: samples around.
+_BLADE, _NEARBY = 0.75, 2
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
+#: Before that, triangles go where it moves the surface by this many samples at most.
+_FLAT = 0.1
 #: Edge length wanted on the cavity's surface, in normalised units.
 _SIZE = 0.06
 #: The deepest point is sought from at most this many samples.
@@ -80,7 +85,7 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
             "The cavity falls into pieces too small to mesh.",
             _LEAVE_OUT,
         )
-    points, triangles = _tidied(_joined(kept), field, vertices, faces, -level, reach, spacing)
+    points, triangles = _tidied(_joined(kept), field, -level, spacing)
     return HollowBody(
         *_joined([(vertices, faces), (points, triangles[:, ::-1])]),
         s_min=s_min,
@@ -154,6 +159,18 @@ def _sampled(
     return fine, origin, spacing
 
 
+def _opened(samples: np.ndarray, spacing: float) -> np.ndarray:
+    """Return the samples raised above any level that the body nearby undercuts by less than ``_BLADE`` spacings.
+
+    Where a wall is about as thick as the level set asks for, the set is a blade full of holes. Here it ends
+    instead. In thick parts nothing changes, since a few samples further in the body is deeper than that.
+    """
+    from scipy.ndimage import gaussian_filter, minimum_filter
+
+    nearby = minimum_filter(samples, 2 * _NEARBY + 1, mode="nearest")
+    return np.maximum(samples, gaussian_filter(nearby, _NEARBY, mode="nearest") + _BLADE * spacing)
+
+
 def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: float) -> repair.Mesh:
     """Return the closed surface on which the samples equal ``level``, oriented away from lower values."""
     from scipy.ndimage import gaussian_filter
@@ -162,7 +179,7 @@ def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: 
     from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 
     # A layer of high values closes the surface; a sample exactly at the level would give faces without area.
-    samples = gaussian_filter(samples.astype(np.float64), _SMOOTHING, mode="nearest")
+    samples = gaussian_filter(_opened(samples.astype(np.float64), spacing), _SMOOTHING, mode="nearest")
     values = np.pad(samples - level, 1, constant_values=spacing)
     values = np.where(np.abs(values) < 1e-4 * spacing, 1e-4 * spacing, values)
     image = vtkImageData()
@@ -185,24 +202,27 @@ def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: 
     return points, repair.orient(points, triangles)
 
 
-def _tidied(
-    cavity: repair.Mesh, field: DistanceField, vertices, faces, wall: float, reach: float, spacing: float
-) -> repair.Mesh:
-    """Return the cavity's surface with fewer, better triangles, or as it is when those would not fit."""
+def _tidied(cavity: repair.Mesh, field: DistanceField, wall: float, spacing: float) -> repair.Mesh:
+    """Return the cavity's surface with fewer, better triangles that keep clear of the outside and of each other.
+
+    Sharp edges are kept if that works; a level set's noise can look like many of them, so the second try keeps
+    none. What remains is the surface with only its needless triangles gone, or as it is.
+    """
+    thinned = repair.simplify(*cavity, _FLAT * spacing)
+    cavity = cavity if repair.crossing_faces(*thinned).any() else thinned
+    components = surfaces.topology(cavity[1], len(cavity[0])).components
     size, deviation = max(4 * spacing, _SIZE), min(0.5 * spacing, 0.15 * wall)
-    try:
-        points, triangles = remesh(*cavity, size, deviation / size, ridge_deg=50)
-    except RuntimeError:
-        return cavity
-    found = surfaces.topology(triangles, len(points))
-    middles = points[triangles].mean(axis=1)
-    fits = (
-        found.closed_manifold
-        and found.components == surfaces.topology(cavity[1], len(cavity[0])).components
-        and field.distance(np.concatenate([points, middles])).min() > _CLEARANCE * wall
-        and not repair.crossing_faces(points, triangles).any()
-    )
-    return (points, triangles) if fits else cavity
+    for ridge_deg in (50.0, 180.0):
+        try:
+            points, triangles = remesh(*cavity, size, deviation / size, ridge_deg)
+        except RuntimeError:
+            continue
+        clear = (
+            field.distance(np.concatenate([points, points[triangles].mean(axis=1)])).min() > _CLEARANCE * wall
+        )
+        if clear and surfaces.topology(triangles, len(points)).components == components:
+            return points, triangles
+    return cavity
 
 
 def _joined(meshes: list[repair.Mesh]) -> repair.Mesh:

@@ -18,8 +18,9 @@ from vibraverse.geometry.fill import ALGORITHMS, fill
 from vibraverse.geometry.remesh import SheetsMeet, remesh
 from vibraverse.refusal import Refused
 
-#: Edges at which the normal turns by more than this many degrees stay sharp: recipes, those of a row equally good.
-RIDGES_DEG = ((35.0, 50.0), (25.0, 180.0))
+#: Edges at which the normal turns by more than this many degrees stay sharp: recipes in rows, of which the best of the
+#: first row that works is taken.
+RIDGES_DEG = ((35.0, 50.0), (180.0,), (25.0,))
 #: A triangle with a smaller angle is poor. A surface with no more than this share of poor ones is taken at once.
 _POOR_DEG, _FEW_POOR = 5.0, 1e-3
 #: Missing the target by more than the first factor counts like a share of poor triangles, in proportion.
@@ -115,7 +116,7 @@ def _sized(vertices, faces, ridge_deg: float, size: float, target: int) -> _Cand
     """Remake the surface at the size that gives about ``target`` elements, starting from ``size``.
 
     Thin walls need triangles not much larger than they are thick: a size at which sheets cut each other is too
-    large whatever the target.
+    large whatever the target. When that happens twice running this recipe will not do.
     """
     tried: list[tuple[float, _Candidate]] = []
     too_large = np.inf
@@ -123,6 +124,8 @@ def _sized(vertices, faces, ridge_deg: float, size: float, target: int) -> _Cand
         try:
             candidate = _remade(vertices, faces, size, ridge_deg)
         except SheetsMeet:
+            if too_large < np.inf and not tried:
+                break
             too_large = min(too_large, size)
             size *= _STEP_BACK
             continue
