@@ -5,8 +5,8 @@ too high. So the surface is remade in two steps. Mmg finds the ridges and makes 
 bounded distance of the surface. Then the vertices move so that every triangle lies half inside and half
 outside the original: the mean height ``h_f`` of the original above face ``f`` is measured at three points, and
 each vertex takes the displacement ``u`` that minimises ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over its faces.
-Planes and ridges stay where they are because the original has no height above their faces. A last common
-factor on the displacements makes the volume that of the original.
+Planes and ridges stay where they are because the original has no height above their faces. What volume is then
+still missing comes from the vertices that moved, along their normals and in proportion.
 """
 
 from __future__ import annotations
@@ -22,6 +22,7 @@ from vibraverse.geometry.surfaces import (
     half_edges,
     normals_and_areas,
     topology,
+    vertex_normals,
     volume,
 )
 
@@ -118,11 +119,10 @@ def _fitted(closest: ClosestPoint, wanted: float, points: np.ndarray, triangles:
 
     ``closest`` finds points of the original surface, ``wanted`` is its volume; ``points`` (P, 3) are near it.
     """
-    base = move(points, closest(points) - points, triangles)
-    fitted = base
+    fitted = move(points, closest(points) - points, triangles)
     for _ in range(_ROUNDS):
         fitted = move(fitted, _displacements(fitted, triangles, closest), triangles)
-    return _match_volume(base, fitted, triangles, wanted)
+    return _match_volume(fitted, np.linalg.norm(fitted - points, axis=1), triangles, wanted)
 
 
 def _displacements(points: np.ndarray, triangles: np.ndarray, closest: ClosestPoint) -> np.ndarray:
@@ -159,14 +159,17 @@ def move(points: np.ndarray, step: np.ndarray, triangles: np.ndarray) -> np.ndar
     return points + step
 
 
-def _match_volume(base: np.ndarray, fitted: np.ndarray, triangles: np.ndarray, wanted: float) -> np.ndarray:
-    """Return ``base + s (fitted - base)`` with ``s`` near 1 such that the enclosed volume is ``wanted``."""
-    step = fitted - base
-    scale, now = 1.0, volume(fitted, triangles)
+def _match_volume(points: np.ndarray, moved: np.ndarray, triangles: np.ndarray, wanted: float) -> np.ndarray:
+    """Return the points moved along their normals for the ``wanted`` volume, in proportion to ``moved`` (P,).
+
+    What the fit left in place, planes above all, stays in place.
+    """
     for _ in range(8):
-        slope = (volume(base + (scale + 1e-3) * step, triangles) - now) / 1e-3
-        if abs(slope) <= 1e-6 * abs(wanted) or abs(wanted - now) <= 1e-13 * abs(wanted):
+        step = moved[:, None] * vertex_normals(points, triangles)
+        missing = wanted - volume(points, triangles)
+        # The volume is a cubic in the length of the step; a tenth of the fit's steps is small enough for a slope.
+        slope = 10.0 * (volume(points + 0.1 * step, triangles) - volume(points, triangles))
+        if abs(missing) <= 1e-14 * wanted or abs(slope) <= 1e-9 * wanted:
             break
-        scale = float(np.clip(scale + (wanted - now) / slope, 0.5, 1.5))
-        now = volume(base + scale * step, triangles)
-    return base + scale * step
+        points = move(points, float(np.clip(missing / slope, -0.5, 0.5)) * step, triangles)
+    return points

@@ -18,20 +18,20 @@ from vibraverse.geometry.fill import ALGORITHMS, fill
 from vibraverse.geometry.remesh import SheetsMeet, remesh
 from vibraverse.refusal import Refused
 
-#: Edges at which the normal turns by more than this many degrees stay sharp: recipes in rows, of which the best of the
-#: first row that works is taken.
-RIDGES_DEG = ((35.0, 50.0), (180.0,), (25.0,))
+#: Edges at which the normal turns by more than this many degrees stay sharp: recipes in rows. The first good one of
+#: a row is taken, else its best; the next row is for when none of it works.
+RIDGES_DEG = ((35.0, 50.0, 180.0), (25.0,))
 #: A triangle with a smaller angle is poor. A surface with no more than this share of poor ones is taken at once.
 _POOR_DEG, _FEW_POOR = 5.0, 1e-3
 #: Missing the target by more than the first factor counts like a share of poor triangles, in proportion.
 _ACCEPTED, _FAR_OFF = 1.3, 0.05
 #: The element count may miss the target by this factor before the size is tried again, at most so often;
 #: at first the size changes by this power of the miss.
-_TOLERANCE, _TRIALS, _EXPONENT = 1.2, 4, 0.55
+_TOLERANCE, _TRIALS, _EXPONENT = 1.15, 4, 0.55
 #: A size at which sheets meet is followed by this share of it.
 _STEP_BACK = 0.7
 #: How much gmsh's second optimiser adds to the number of elements.
-_OPTIMISED = 1.08
+_OPTIMISED = 1.03
 
 
 @dataclass(frozen=True)
