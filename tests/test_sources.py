@@ -453,7 +453,7 @@ def test_stage_generated(tmp_path, vibraverse):
 def test_stage_bundled(tmp_path, vibraverse):
     assert run_stage(vibraverse, tmp_path, "nut", '{"origin": "bundled"}')[0] == 0
     assert (tmp_path / "source.mesh").read_bytes() == locate("nut").read_bytes()
-    assert read_json(tmp_path / "source.json")["size_m"] == 0.03
+    assert read_json(tmp_path / "source.json")["size_m"] == 0.12
 
 
 @pytest.mark.parametrize("content", [TRIANGLE, "", "not a mesh"])
@@ -497,7 +497,7 @@ def test_objects_command(tmp_path, vibraverse):
     assert status == 0
     lines = [line.split() for line in out.splitlines()]
     assert lines[1][:2] == ["bowl-0000", "generated"]
-    assert lines[2] == ["nut", "bundled", "0.03", "m"]
+    assert lines[2] == ["nut", "bundled", "0.12", "m"]
     assert lines[3][-1] == str(tmp_path / "mug.obj")
     status, out, _ = vibraverse("objects", "--families")
     assert status == 0
