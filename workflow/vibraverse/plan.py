@@ -9,8 +9,8 @@ from __future__ import annotations
 import json
 
 from vibraverse.config import Config, parse
+from vibraverse.dataset.splits import shard_of
 from vibraverse.paths import Paths
-from vibraverse.seeds import stable_hash
 from vibraverse.sources.catalogue import Entry, catalogue
 
 
@@ -27,7 +27,7 @@ class Plan:
 
     def shard_of(self, object_: str) -> str:
         """Return the shard an object belongs to, by a stable hash of its id."""
-        return f"{stable_hash(object_, 'shard') % self.config.dataset.shards:05d}"
+        return f"{shard_of(object_, self.config.dataset.shards):05d}"
 
     def options(self, stage: str, object_: str = "", shard: str = "") -> str:
         """Return the JSON block a stage uses, for one object or shard where it differs between them."""
