@@ -230,12 +230,12 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
     random = rng(object_id, solidity)
     rank = 8
     with h5py.File(at(paths.basis), "w") as h5:
-        h5.attrs.update(
-            volume=volume, energy_poisson=0.25, order=2, n_vertices=len(points), n_tetrahedra=len(tets)
-        )
-        h5.attrs.update(n_unknowns=3 * len(points), method="dense", factorisation="none")
+        h5.attrs.update(volume=volume, order=2, n_vertices=len(points), n_tetrahedra=len(tets))
+        h5.attrs.update(n_unknowns=3 * len(points), method="dense", factorisation="none", error=1e-6)
         h5["reduced/lambda"], h5["reduced/mu"] = np.eye(rank), 2 * np.eye(rank)
-        h5["reduced/residual_gram"], h5["reduced/residuals"] = np.eye(3 * rank), np.zeros((2, 4))
+        h5["reduced/residual_sketch"], h5["reduced/residuals"] = np.zeros((1, 5, 3 * rank)), np.zeros(4)
+        h5["reduced/energy_poisson"] = [0.3]
+        h5["reduced/poisson_range"] = [0.1, 0.4]
         h5["reduced/poisson_nodes"] = [0.1, 0.4]
         h5["surface/vertices"], h5["surface/faces"] = vertices, faces.astype(np.int32)
         h5["surface/basis"] = random.normal(size=(len(vertices), 3, rank)).astype(np.float32)

@@ -92,7 +92,7 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             "dataset.splits: the split name 'a\\tb' may hold only letters,",
         ),
         ({"basis": {"order": 3}}, "basis.order must be 1 or 2, not 3"),
-        ({"basis": {"poisson_nodes": [0.1, 0.5]}}, "basis.poisson_nodes[1] must be less than 0.5, not 0.5"),
+        ({"basis": {"poisson_range": [0.1, 0.5]}}, "basis.poisson_range[1] must be less than 0.5, not 0.5"),
         ({"sources": {"generated": {"families": 5}}}, "sources.generated.families must be a list, not 5"),
         ({"audio": {"points": [[0, 0]]}}, "audio.points[0][2] is missing"),
         ({"audio": {"max_s": float("inf")}}, "audio.max_s must be a finite number, not Infinity"),

@@ -156,9 +156,8 @@ class _Strike:
         self.material = self._material(arguments)
         self.material_name = arguments.material
         self.point = self._point(arguments.at)
-        nodes = list(Basis().poisson_nodes)
-        if not min(nodes) <= self.material.poisson <= max(nodes):
-            nodes.append(self.material.poisson)
+        low, high = Basis().poisson_range
+        poissons = min(low, self.material.poisson), max(high, self.material.poisson)
         if arguments.hollow is not None and not 0 < arguments.hollow < 1:
             raise UsageError(f"--hollow must lie between 0 and 1, not {arguments.hollow:g}")
         thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
@@ -169,7 +168,7 @@ class _Strike:
                 "tets": validate(Tets, {"target_elements": arguments.elements}),
                 "basis": validate(
                     Basis,
-                    {"order": arguments.order, "modes": arguments.modes, "poisson_nodes": nodes},
+                    {"order": arguments.order, "modes": arguments.modes, "poisson_range": poissons},
                 ),
                 "modes": validate(
                     Modes,

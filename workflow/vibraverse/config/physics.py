@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field, PositiveFloat, PositiveInt, field_validator
 
 from vibraverse.config.base import Section
 
@@ -40,8 +40,11 @@ class Basis(Section):
     modes: PositiveInt = 64
     """Elastic modes kept."""
 
-    poisson_nodes: list[Poisson] = Field(default_factory=lambda: [0.1, 0.2, 0.3, 0.4], min_length=1)
-    """Values of Poisson's ratio at which the sparse problem is solved."""
+    poisson_range: tuple[Poisson, Poisson] = (0.1, 0.4)
+    """Lowest and highest Poisson's ratio for which the basis holds."""
+
+    max_error: float = Field(1e-5, gt=0, le=1e-2)
+    """Relative error that the basis may add to a frequency, as estimated, anywhere in that range."""
 
     method: Literal["auto", "lanczos", "arpack", "dense"] = "auto"
     """Eigensolver: ``auto`` takes block Lanczos, or a dense solve where the mesh is tiny."""
@@ -49,8 +52,15 @@ class Basis(Section):
     factorisation: Literal["auto", "pardiso", "superlu"] = "auto"
     """Sparse factorisation: ``auto`` takes PARDISO where it is installed, else SuperLU."""
 
-    tolerance: float = Field(1e-5, gt=0, le=1e-2)
-    """Relative residual of every eigenpair; eigenvalues are right to about its square."""
+    tolerance: float = Field(1e-3, gt=0, le=1e-2)
+    """Relative residual of every eigenpair of the sparse solve; eigenvalues are right to about its square."""
+
+    @field_validator("poisson_range")
+    @classmethod
+    def _ascending(cls, value: tuple[float, float]) -> tuple[float, float]:
+        if value[0] > value[1]:
+            raise ValueError(f"must ascend, not fall from {value[0]:g} to {value[1]:g}")
+        return value
 
 
 class Modes(Section):

@@ -1,17 +1,15 @@
 """The material-independent modal basis of a body.
 
 With E = ρ = 1 and the mesh in its own units, everything but Poisson's ratio ν is scaling. So the sparse problem is
-solved at a few nodes of ν, the modes found there are joined into one M-orthonormal basis U, free of rigid
-motions, and the operators are projected once:
+solved at one ν amid the range wanted; the space of its modes then grows by corrections, at the ends of the range
+and wherever the estimated error is largest, until every frequency at every ν of the range is known to the error
+wanted (:mod:`vibraverse.physics.reduction`). The operators are projected onto that space U once:
 
     A_λ = Uᵀ K_λ U,   A_μ = Uᵀ K_μ U,   Uᵀ M U = I.
 
-For any material the dense problem ``(λ A_λ + μ A_μ) c = ω² c`` of a few hundred unknowns is what remains
-(Rayleigh–Ritz, so frequencies are bounded from below by the exact ones of the mesh).
-
-The error of that reduction is known without the big matrices. The residual of a Ritz pair, ``r = λ K_λ U c + μ K_μ U c
-- ω² M U c``, is linear in three blocks W = [K_λ U, K_μ U, M U]; with the Gram matrix ``G = Wᵀ B⁻¹ W`` of the
-energy norm ``B = K(ν_mid) - σM`` its size costs a small dense product for every later material.
+For any material the dense problem ``(λ A_λ + μ A_μ) c = ω² c`` of about two hundred unknowns is what remains
+(Rayleigh–Ritz, so frequencies are bounded from below by the exact ones of the mesh), and the error of each frequency
+is known without the big matrices.
 """
 
 from __future__ import annotations
@@ -20,33 +18,48 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.physics.eigensolver import RIGID, fix_signs, orthonormalise, project, solve
-from vibraverse.physics.elasticity import Operators, assemble, lame, rigid_modes
+from vibraverse.physics.eigensolver import RIGID, solve
+from vibraverse.physics.elasticity import Operators, assemble, lame
 from vibraverse.physics.factorisation import factorise
+from vibraverse.physics.reduction import Reduction, solve_reduced
 
-#: Modes solved for beyond those kept: where spectra cross between the nodes of ν, a mode just above the last
-#: one kept at a node is among those kept elsewhere.
+#: Modes solved for beyond those kept: where spectra cross, a mode just above the last one kept at one ν is among
+#: those kept elsewhere.
 _GUARD = 8
+#: The factor by which ``1 - 2ν`` may change over a part of the range with one factorisation.
+_REACH = 4.0
+#: Values of ν per part at which errors are looked at, and corrections there at most; the estimates stay true if these
+#: do not suffice.
+_PROBES, _CORRECTIONS = 7, 20
+#: What is corrected at a ν: every mode whose error is above this share of the error wanted.
+_MARGIN = 0.3
+#: What the corrections leave of the error wanted to the compression.
+_SPARE = 0.7
+#: Directions that the modes need by less than this are dropped in the end; the first value that keeps the error wanted.
+_DROPS = (1e-3, 5e-4, 2e-4, 1e-4, 3e-5, 1e-5)
 
 
 @dataclass(frozen=True)
 class ModalBasis:
     """The modal basis of one body, in mesh units with E = ρ = 1.
 
-    ``a_lambda``, ``a_mu``: (r, r) reduced stiffness; ``gram``: (3r, 3r) residual norms, ``energy_poisson`` the ν of
-    their norm; ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface``: (V, 3, r) the basis on its vertices;
-    ``poisson_nodes`` in the order solved and ``residuals`` (nodes, m) of those solves; ``volume``, ``centre`` (3,) and
-    ``inertia`` (3, 3) about it for unit density.
+    ``a_lambda``, ``a_mu``: (r, r) reduced stiffness; ``sketch``: (k, p, 3r) for error estimates, in the energy norms
+    of ``energy_poisson`` (k,); ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface``: (V, 3, r) the basis on
+    its vertices; ``poisson_range`` (2,) with ``error`` the largest estimated relative error of a frequency in it;
+    ``poisson_nodes``: where the sparse problem was solved, then where the space was corrected, in order; ``residuals``
+    (m,) of that solve; ``volume``, ``centre`` (3,) and ``inertia`` (3, 3) about it for unit density.
     """
 
     a_lambda: np.ndarray
     a_mu: np.ndarray
-    gram: np.ndarray
-    energy_poisson: float
+    sketch: np.ndarray
+    energy_poisson: np.ndarray
     vertices: np.ndarray
     faces: np.ndarray
     surface: np.ndarray
+    poisson_range: np.ndarray
     poisson_nodes: np.ndarray
+    error: float
     residuals: np.ndarray
     volume: float
     centre: np.ndarray
@@ -66,89 +79,119 @@ def build_basis(
     rng: np.random.Generator,
     order: int = 2,
     modes: int = 64,
-    poisson_nodes=(0.1, 0.2, 0.3, 0.4),
+    poisson_range: tuple[float, float] = (0.1, 0.4),
+    max_error: float = 1e-5,
     method: str = "auto",
     factorisation: str = "auto",
-    tolerance: float = 1e-5,
+    tolerance: float = 1e-3,
 ) -> ModalBasis:
     """Solve for the modal basis of a tetrahedral mesh.
 
-    ``points`` (N, 3) and ``cells`` (T, 4) in any length unit, ``modes`` elastic modes at every node of Poisson's ratio.
-    Frequencies scale with ``sqrt(E/ρ)`` over that unit.
+    ``points`` (N, 3) and ``cells`` (T, 4) in any length unit, ``modes`` elastic modes. Frequencies scale with
+    ``sqrt(E/ρ)`` over that unit. ``max_error`` is the relative frequency error that the basis may add in
+    ``poisson_range``; ``tolerance`` is that of :func:`vibraverse.physics.eigensolver.solve`.
 
     Raises :class:`vibraverse.refusal.Refused` where the mesh is invalid or the solve fails.
     """
     operators = assemble(points, cells, order)
     solved = min(modes + _GUARD, max(modes, operators.unknowns - RIGID - 2))
-    # The node nearest the middle comes last: its factorisation serves the residual norms too.
-    nodes = np.asarray(poisson_nodes, dtype=float)
-    nodes = nodes[np.argsort(-np.abs(nodes - np.median(nodes)), kind="stable")]
-    found, residuals, factor = [], [], None
-    for poisson in nodes:
-        pairs = solve(
-            operators,
-            float(poisson),
-            solved,
-            rng=rng,
-            method=method,
-            factorisation=factorisation,
-            tolerance=tolerance,
-            factor=factor,
-        )
-        factor = pairs.factor
-        found.append(pairs.vectors)
-        residuals.append(pairs.residuals[:modes])
-    space = _join(found, operators)
-    energy_poisson = float(nodes[-1])
-    gram = _residual_gram(space, operators, energy_poisson, pairs.shift, factor, factorisation)
+    centre, *_ = centres = _centres(*poisson_range)
+    pairs = solve(
+        operators, centre, solved, rng=rng, method=method, factorisation=factorisation, tolerance=tolerance
+    )
+    factor = pairs.factor
+    if factor is None:
+        factor = factorise(operators.shifted(*lame(1.0, centre), pairs.shift), factorisation)
+    space = Reduction(operators, pairs.vectors)
+    nodes, probes = [centre], []
+    for poisson in centres:
+        if poisson != centre:
+            factor.update(operators.shifted(*lame(1.0, poisson), pairs.shift))
+        space.use(factor, poisson, rng)
+        near = _probes(poisson, centres, *poisson_range)
+        nodes += _adapt(space, modes, solved, near, max_error)
+        probes += near
+    turn, error = _compressed(space, modes, probes, max_error)
+    vectors = space.vectors @ turn
+    signs = np.where(vectors[np.abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])] < 0, -1.0, 1.0)
+    vectors, (a_lambda, a_mu, sketch) = vectors * signs, space.turned(turn * signs)
     faces, surface_nodes = boundary(cells)
-    volume, centre, inertia = rigid_body(operators)
+    volume, middle, inertia = rigid_body(operators)
     return ModalBasis(
-        a_lambda=project(space, operators.k_lambda),
-        a_mu=project(space, operators.k_mu),
-        gram=gram,
-        energy_poisson=energy_poisson,
+        a_lambda=a_lambda,
+        a_mu=a_mu,
+        sketch=sketch,
+        energy_poisson=space.energy_poisson,
         vertices=points[surface_nodes],
         faces=faces,
-        surface=space.reshape(-1, 3, space.shape[1])[_positions(cells, surface_nodes)],
-        poisson_nodes=nodes,
-        residuals=np.stack(residuals),
+        surface=vectors.reshape(-1, 3, vectors.shape[1])[_positions(cells, surface_nodes)],
+        poisson_range=np.array(poisson_range, dtype=float),
+        poisson_nodes=np.array(nodes),
+        error=error,
+        residuals=pairs.residuals[:modes],
         volume=volume,
-        centre=centre,
+        centre=middle,
         inertia=inertia,
         order=order,
         n_vertices=operators.n_vertices,
         n_tetrahedra=len(cells),
         n_unknowns=operators.unknowns,
         method=pairs.method,
-        factorisation=getattr(factor, "name", "none"),
+        factorisation=factor.name,
     )
 
 
-def _join(found: list[np.ndarray], operators: Operators) -> np.ndarray:
-    """Join the modes of all nodes into one M-orthonormal basis without rigid motions."""
-    rigid, weighted_rigid, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
-    space = np.concatenate(found, axis=1)
-    space -= rigid @ (weighted_rigid.T @ space)
-    # Directions ten orders below the rest are copies of modes that do not depend on ν.
-    space, _, _ = orthonormalise(space, operators.mass, drop=1e-10)
-    return fix_signs(space)
+def _centres(low: float, high: float) -> list[float]:
+    """Return the ν at which matrices are factorised, the middle one first.
 
-
-def _residual_gram(space, operators: Operators, poisson: float, shift: float, factor, factorisation):
-    """Return the Gram matrix of ``[K_λ U, K_μ U, M U]`` in the norm of ``B⁻¹``, ``B = K(ν) - σM``.
-
-    ``factor`` is the factorisation of B, or None.
+    ``1 - 2ν`` says how stiff the body is against compression. In each of equal parts of its logarithm the factorisation
+    in the middle is near enough to every ν of the part.
     """
-    lam, mu = lame(1.0, poisson)
-    if factor is None:
-        factor = factorise(operators.shifted(lam, mu, shift), factorisation)
-    parts = [operators.k_lambda @ space, operators.k_mu @ space, operators.mass @ space]
-    solved_lambda, solved_mass = factor.solve(parts[0]), factor.solve(parts[2])
-    # (λ K_λ + μ K_μ - σ M) U = B U, so the third solve follows from the other two.
-    solved_mu = (space - lam * solved_lambda + shift * solved_mass) / mu
-    gram = np.block([[left.T @ right for right in (solved_lambda, solved_mu, solved_mass)] for left in parts])
-    return 0.5 * (gram + gram.T)
+    first, last = np.log(1 - 2 * low), np.log(1 - 2 * high)
+    count = max(1, int(np.ceil((first - last) / np.log(_REACH) - 1e-9)))
+    middles = 0.5 * (1 - np.exp(first + (last - first) * (np.arange(count) + 0.5) / count))
+    order = np.argsort(np.abs(np.arange(count) - (count - 1) / 2), kind="stable")
+    return [float(poisson) for poisson in middles[order]]
+
+
+def _probes(centre: float, centres: list[float], low: float, high: float) -> list[float]:
+    """Return the ν at which errors are looked at in the part of the range around ``centre``."""
+    places = np.log(1 - 2 * np.array([low, high]))
+    half = 0.5 * (places[0] - places[1]) / len(centres)
+    steps = half * np.cos(np.linspace(0, np.pi, _PROBES)) if high > low else np.zeros(1)
+    return [float(poisson) for poisson in 0.5 * (1 - (1 - 2 * centre) * np.exp(steps))]
+
+
+def _adapt(space: Reduction, modes: int, solved: int, probes: list[float], max_error: float) -> list[float]:
+    """Let the space grow until no frequency at the ``probes`` has an error above ``max_error``.
+
+    Returns where it was corrected, in order.
+    """
+    nodes: list[float] = []
+    for _ in range(_CORRECTIONS):
+        found = [space.solve(poisson, modes, solved - modes) for poisson in probes]
+        worst = int(np.argmax([error[:modes].max() for _, _, error in found]))
+        values, coefficients, error = found[worst]
+        if error[:modes].max() <= _SPARE * max_error:
+            break
+        columns = error > _MARGIN * max_error
+        space.correct(probes[worst], values[columns], coefficients[:, columns], max_error)
+        nodes.append(probes[worst])
+    return nodes
+
+
+def _compressed(
+    space: Reduction, modes: int, probes: list[float], max_error: float
+) -> tuple[np.ndarray, float]:
+    """Return an orthonormal ``turn`` (r, s) to what the modes at the ``probes`` need, and the largest error left."""
+    needed = np.concatenate([space.solve(poisson, modes, 1)[1] for poisson in probes], axis=1)
+    for drop in _DROPS:
+        turn = space.needed(needed, drop)
+        reduced = *space.turned(turn), space.energy_poisson
+        error = max(solve_reduced(*reduced, poisson, modes)[2].max() for poisson in probes)
+        if error <= max_error:
+            break
+    return turn, float(error)
 
 
 def boundary(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -18,6 +18,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from vibraverse.physics.columns import Columns
 from vibraverse.physics.elasticity import Operators, lame, rigid_modes
 from vibraverse.physics.factorisation import factorise
 from vibraverse.refusal import Refused
@@ -143,48 +144,38 @@ def _block_lanczos(stiffness, mass, factor, shift, wanted, tolerance, rng):
     """
     n = stiffness.shape[0]
     limit = min(n - _BLOCK, 16 * wanted)
-    # Columns are contiguous (Fortran order) and the arrays grow by halves, so a pass copies nothing.
-    space = np.empty((n, 5 * wanted), order="F")
-    weighted = np.empty_like(space)
+    space, weighted = Columns(n, 5 * wanted), Columns(n, 5 * wanted)
     projected = np.zeros((0, 0))
-    size = 0
     fresh, weighted_fresh, _ = orthonormalise(factor.solve(mass @ rng.standard_normal((n, _BLOCK))), mass)
     while True:
-        width = fresh.shape[1]
-        old, size = size, size + width
-        if size > space.shape[1]:
-            space, weighted = (_grown(array, size) for array in (space, weighted))
-        space[:, old:size], weighted[:, old:size] = fresh, weighted_fresh
+        old, width = space.size, fresh.shape[1]
+        space.append(fresh)
+        weighted.append(weighted_fresh)
         image = factor.solve(weighted_fresh)
         before = np.linalg.norm(image, axis=0)
-        column = weighted[:, :size].T @ image
-        image -= space[:, :size] @ column
+        column = weighted.all.T @ image
+        image -= space.all @ column
         if (np.linalg.norm(image, axis=0) < _CANCELLED * before).any():
-            correction = weighted[:, :size].T @ image
-            image -= space[:, :size] @ correction
+            correction = weighted.all.T @ image
+            image -= space.all @ correction
             column += correction
         projected = np.pad(projected, (0, width))
         projected[:, old:] = column
         projected[old:, :] = column.T
         fresh, weighted_fresh, weighted_image = orthonormalise(image, mass)
+        size = space.size
         if size >= wanted + _BLOCK or fresh.shape[1] == 0:
             theta, mixing = scipy.linalg.eigh(projected, subset_by_index=(size - wanted, size - 1))
             coupling = fresh.T @ weighted_image
             error = np.linalg.norm(coupling @ mixing[old:], axis=0) / theta
             if error.max() <= tolerance or fresh.shape[1] == 0:
-                return shift + 1.0 / theta[::-1], space[:, :size] @ mixing[:, ::-1]
+                return shift + 1.0 / theta[::-1], space.all @ mixing[:, ::-1]
             if size + _BLOCK > limit:
                 raise Refused(
                     "solve_failed",
                     f"block Lanczos reached a residual of {error.max():.1e} only in {size} vectors.",
                     "Loosen basis.tolerance or ask for fewer modes.",
                 )
-
-
-def _grown(array: np.ndarray, needed: int) -> np.ndarray:
-    grown = np.empty((array.shape[0], max(needed, array.shape[1] * 3 // 2)), order="F")
-    grown[:, : array.shape[1]] = array
-    return grown
 
 
 def project(space: np.ndarray, matrix: sp.csr_matrix) -> np.ndarray:

@@ -43,6 +43,14 @@ class SuperLU:
         """Return ``x`` with ``A x = b`` for b of shape (n,) or (n, k)."""
         return self._lu.solve(np.asarray(b))
 
+    def inverse_root(self, noise: np.ndarray) -> np.ndarray:
+        """Return ``R noise`` for noise (n, k), where ``R Rᵀ = A⁻¹`` and A is positive definite."""
+        if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+            raise Refused("solve_failed", "SuperLU had to pivot: the matrix is not positive definite.")
+        # A = Pᵀ L D Lᵀ P with D the diagonal of U, so Pᵀ L sqrt(D) is a root of A.
+        root = self._lu.L @ (np.sqrt(self._lu.U.diagonal())[:, None] * noise)
+        return self._lu.solve(root[self._lu.perm_r])
+
 
 class Pardiso:
     """Cholesky (``definite``) or LDLᵀ factorisation by MKL's PARDISO.
@@ -84,6 +92,14 @@ class Pardiso:
     def solve(self, b: np.ndarray) -> np.ndarray:
         """Return ``x`` with ``A x = b`` for b of shape (n,) or (n, k)."""
         return self._solver._call_pardiso(self._upper, np.asfortranarray(b, dtype=float))
+
+    def inverse_root(self, noise: np.ndarray) -> np.ndarray:
+        """Return ``R noise`` for noise (n, k), where ``R Rᵀ = A⁻¹`` and A is positive definite: half a solve."""
+        self._solver.set_phase(333)
+        try:
+            return self.solve(noise)
+        finally:
+            self._solver.set_phase(33)
 
     def free(self) -> None:
         """Give PARDISO's memory back; Python cannot see it."""

@@ -12,8 +12,10 @@ from vibraverse.stage import Job, Stage
 _DATASETS = {
     "a_lambda": ("reduced/lambda", "f8", "1 (E = rho = 1, mesh units)"),
     "a_mu": ("reduced/mu", "f8", "1 (E = rho = 1, mesh units)"),
-    "gram": ("reduced/residual_gram", "f8", "1"),
+    "sketch": ("reduced/residual_sketch", "f8", "1"),
     "residuals": ("reduced/residuals", "f8", "1"),
+    "energy_poisson": ("reduced/energy_poisson", "f8", "1"),
+    "poisson_range": ("reduced/poisson_range", "f8", "1"),
     "poisson_nodes": ("reduced/poisson_nodes", "f8", "1"),
     "vertices": ("surface/vertices", "f8", "normalised length"),
     "faces": ("surface/faces", "i4", "index into surface/vertices"),
@@ -65,7 +67,8 @@ def run(job: Job) -> None:
         rng=rng(job.object, job.solidity, "basis"),
         order=options.order,
         modes=options.modes,
-        poisson_nodes=options.poisson_nodes,
+        poisson_range=options.poisson_range,
+        max_error=options.max_error,
         method=options.method,
         factorisation=options.factorisation,
         tolerance=options.tolerance,
@@ -75,13 +78,13 @@ def run(job: Job) -> None:
         write_provenance(h5, job.provenance())
     print(
         f"{basis.n_tetrahedra} tetrahedra, {basis.n_unknowns} unknowns, {basis.method} on {basis.factorisation}: "
-        f"{len(basis.a_lambda)} basis vectors, residuals up to {basis.residuals.max():.1e}"
+        f"{len(basis.a_lambda)} basis vectors, frequency error up to {basis.error:.1e}"
     )
 
 
 STAGE = Stage(
     name="basis",
-    help="Solve the free body's eigenproblem at a few Poisson ratios and join the modes into one basis.",
+    help="Solve the free body's eigenproblem and find a basis for every Poisson's ratio.",
     inputs={"tets": "tets.msh"},
     outputs={"basis": "basis.h5"},
     run=run,

@@ -1,0 +1,178 @@
+"""A small space of displacements in which the eigenproblem of every Poisson's ratio is solved.
+
+``Reduction`` holds the space, M-orthonormal and free of rigid motions, and the operators projected onto it. It grows by
+corrections: where the Ritz pair ``(ω², u)`` of some ν leaves the residual ``r = K(ν) u - ω² M u``, the vector ``B⁻¹ r``
+joins the space. ``B = K(ν₀) - σM`` is a fixed, factorised matrix, spectrally equivalent to ``K(ν) - σM`` within the
+factor ``(1 - 2ν₀) / (1 - 2ν)``, so near enough to ν₀ a correction costs one solve per mode where solving at ν again
+would cost four and a factorisation.
+
+How large an error is must be known before it can be corrected, and later for every material. To first order the
+relative error of a frequency is ``rᵀ B⁻¹ r / 2ω²``, up to the factor in :func:`solve_reduced`. That norm is estimated
+from random vectors ``y`` with covariance B⁻¹, each of which is half a solve: ``E (yᵀ r)² = rᵀ B⁻¹ r``. The residual is
+linear in ``W = [K_λ U, K_μ U, M U]``, so the small matrix ``Yᵀ W`` is all that an estimate needs. With p vectors its
+relative standard deviation is ``sqrt(2/p)``. (Residual-based randomised estimators: Smetana, Zahm and Patera,
+SIAM J. Sci. Comput. 41, A900, 2019.)
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.linalg
+
+from vibraverse.physics.columns import Columns
+from vibraverse.physics.eigensolver import orthonormalise
+from vibraverse.physics.elasticity import Operators, lame, rigid_modes
+
+#: Random vectors per estimate.
+_SKETCH = 48
+#: Room made at first, in multiples of the modes the space starts with.
+_CAPACITY = 6
+#: The gap to the modes that the space does not resolve is not taken below this share.
+_LEAST_GAP = 0.15
+#: Directions of a correction that lower the error by less than this share of the error wanted are left out.
+_NEGLIGIBLE = 0.01
+
+
+def solve_reduced(
+    a_lambda: np.ndarray,
+    a_mu: np.ndarray,
+    sketch: np.ndarray,
+    energy_poisson: np.ndarray,
+    poisson: float,
+    modes: int,
+    guard: int = 0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Solve the reduced problem for E = ρ = 1.
+
+    ``a_lambda``, ``a_mu`` (r, r), ``sketch`` (k, p, 3r) the products ``Yᵀ [K_λ U, K_μ U, M U]`` for each ν₀ in
+    ``energy_poisson`` (k,), of which the nearest is taken. Returns ω̂² (m,), coefficients (r, m) and the estimated
+    relative error (m,) of each frequency, for the ``modes`` lowest pairs and up to ``guard`` more.
+
+    To first order a Ritz value exceeds the eigenvalue by ``‖r‖²`` in the norm of ``(K - ω²M)⁻¹`` off the basis. There
+    every direction is stiffer than the modes kept, so the energy norm times ``1 / (1 - ω²/ω²_next)`` covers it; the gap
+    is not taken below 0.15 because the basis resolves several modes above the last one too.
+    """
+    lam, mu = lame(1.0, poisson)
+    wanted = min(modes + max(guard, 1), len(a_mu))
+    values, vectors = scipy.linalg.eigh(lam * a_lambda + mu * a_mu, subset_by_index=(0, wanted - 1))
+    nearest = np.abs(np.log((1 - 2 * energy_poisson) / (1 - 2 * poisson))).argmin()
+    residual = sketch[nearest] @ np.concatenate([lam * vectors, mu * vectors, -values * vectors])
+    size = (residual**2).mean(axis=0)
+    gap = 1.0 - values / values[modes] if wanted > modes else np.ones(wanted)
+    error = 0.5 * size / values / np.maximum(gap, _LEAST_GAP)
+    kept = min(modes + guard, wanted)
+    return values[:kept], vectors[:, :kept], error[:kept]
+
+
+class Reduction:
+    """A space ``vectors`` (n, r) with ``a_lambda``, ``a_mu`` (r, r) and ``sketch`` (k, p, 3r).
+
+    :meth:`use` says which factorisation corrects from then on. The products of the operators with the space are kept,
+    so a residual costs no product with a sparse matrix.
+    """
+
+    def __init__(self, operators: Operators, vectors: np.ndarray):
+        self._operators, self._factor = operators, None
+        self._matrices = operators.k_lambda, operators.k_mu, operators.mass
+        self._rigid, self._weighted_rigid, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
+        n = operators.unknowns
+        self._columns = Columns(n, _CAPACITY * vectors.shape[1])
+        self._images = [Columns(n, _CAPACITY * vectors.shape[1]) for _ in self._matrices]
+        self._projected = [np.zeros((0, 0)) for _ in self._matrices[:2]]
+        self._probes: list[np.ndarray] = []
+        self._sketches: list[list[np.ndarray]] = []
+        self._energy_poisson: list[float] = []
+        self._extend(vectors)
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """The space, (n, r)."""
+        return self._columns.all
+
+    @property
+    def a_lambda(self) -> np.ndarray:
+        """``K_λ`` projected onto the space, (r, r)."""
+        return self._projected[0]
+
+    @property
+    def a_mu(self) -> np.ndarray:
+        """``K_μ`` projected onto the space, (r, r)."""
+        return self._projected[1]
+
+    @property
+    def energy_poisson(self) -> np.ndarray:
+        """Every ν₀ used so far, (k,)."""
+        return np.array(self._energy_poisson)
+
+    def use(self, factor, poisson: float, rng: np.random.Generator) -> None:
+        """Correct, and estimate errors near ``poisson``, with the factorisation of ``K(poisson) - σM``."""
+        self._factor = factor
+        self._energy_poisson.append(poisson)
+        self._probes.append(factor.inverse_root(rng.standard_normal((self._operators.unknowns, _SKETCH))))
+        self._sketches.append([self._probes[-1].T @ image.all for image in self._images])
+
+    def solve(self, poisson: float, modes: int, guard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return what :func:`solve_reduced` does."""
+        sketch = np.stack([np.concatenate(parts, axis=1) for parts in self._sketches])
+        return solve_reduced(self.a_lambda, self.a_mu, sketch, self.energy_poisson, poisson, modes, guard)
+
+    def correct(self, poisson: float, values: np.ndarray, coefficients: np.ndarray, max_error: float) -> None:
+        """Let the space grow by the corrections of Ritz pairs (m,), (r, m) at a Poisson's ratio."""
+        lam, mu = lame(1.0, poisson)
+        residual = (
+            self._images[0].all @ (lam * coefficients)
+            + self._images[1].all @ (mu * coefficients)
+            - self._images[2].all @ (values * coefficients)
+        )
+        # Scaled so that xᵀ B x is the square of the relative error; directions that hardly lower it are left out.
+        residual /= np.sqrt(values)
+        correction = self._factor.solve(residual)
+        energy = correction.T @ residual
+        gain, turn = np.linalg.eigh(0.5 * (energy + energy.T))
+        self._extend(correction @ turn[:, gain > _NEGLIGIBLE * max_error])
+
+    def needed(self, coefficients: np.ndarray, drop: float) -> np.ndarray:
+        """Return an orthonormal basis (r, s) of the directions that Ritz vectors (r, m) need by more than ``drop``.
+
+        Directions count by their energy, because the error of a frequency does.
+        """
+        energy = np.linalg.cholesky(self._projected[0] + self._projected[1])
+        scaled = energy.T @ coefficients
+        scaled /= np.linalg.norm(scaled, axis=0)
+        weights, directions = np.linalg.eigh(scaled @ scaled.T)
+        directions = directions[:, weights > drop**2 * weights[-1]][:, ::-1]
+        return np.linalg.qr(scipy.linalg.solve_triangular(energy.T, directions))[0]
+
+    def turned(self, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return ``a_lambda``, ``a_mu`` and ``sketch`` of the subspace ``vectors @ turn``, turn (r, s) orthonormal."""
+        a_lambda, a_mu = (turn.T @ matrix @ turn for matrix in self._projected)
+        sketch = np.stack(
+            [np.concatenate([part @ turn for part in parts], axis=1) for parts in self._sketches]
+        )
+        return 0.5 * (a_lambda + a_lambda.T), 0.5 * (a_mu + a_mu.T), sketch
+
+    def _extend(self, block: np.ndarray) -> None:
+        """Join the span of ``block`` (n, k)."""
+        old, weighted_old = self.vectors, self._images[2].all
+        for _ in range(2):
+            block = block - self._rigid @ (self._weighted_rigid.T @ block) - old @ (weighted_old.T @ block)
+        block, weighted, _ = orthonormalise(block, self._operators.mass)
+        fresh = [self._operators.k_lambda @ block, self._operators.k_mu @ block, weighted]
+        self._projected = [
+            _bordered(projected, old.T @ image, block.T @ image)
+            for projected, image in zip(self._projected, fresh, strict=False)
+        ]
+        self._sketches = [
+            [
+                np.concatenate([part, probes.T @ image], axis=1)
+                for part, image in zip(parts, fresh, strict=True)
+            ]
+            for parts, probes in zip(self._sketches, self._probes, strict=True)
+        ]
+        for columns, new in zip((self._columns, *self._images), (block, *fresh), strict=True):
+            columns.append(new)
+
+
+def _bordered(projected: np.ndarray, side: np.ndarray, corner: np.ndarray) -> np.ndarray:
+    """Return the symmetric matrix with ``projected`` and ``corner`` on the diagonal and ``side`` beside them."""
+    return np.block([[projected, side], [side.T, 0.5 * (corner + corner.T)]])
