@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.geometry import repair, surfaces
-from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.remesh import move
+from vibraverse.geometry.sight import LineOfSight
 from vibraverse.refusal import Refused
 
 #: Longest side of a cleaned body's bounding box.
@@ -246,7 +246,7 @@ def _drawn_in(points: np.ndarray, triangles: np.ndarray, distance: float) -> rep
 def _thickness(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, most: float) -> np.ndarray:
     """Return how thick the body is below every vertex (V,), up to ``most``: the least around each vertex."""
     starts = points - 1e-3 * most * normals
-    across = most * ClosestPoint(points, triangles).first_hit(starts, starts - most * normals)
+    across = most * LineOfSight(points, triangles).first_hit(starts, starts - most * normals)
     for _ in range(2):
         least = across[triangles].min(axis=1)
         np.minimum.at(across, triangles.ravel(), np.repeat(least, 3))

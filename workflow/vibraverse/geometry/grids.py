@@ -1,7 +1,7 @@
 """Voxels and signed distance on the cell centres of [-1, 1]³.
 
 Sample ``i`` of ``n`` lies at ``x_i = -1 + (2i+1)/n`` along each axis; arrays are indexed ``[ix, iy, iz]``. The
-distance to the triangles is exact, to single precision. Its sign comes from rays: one ray along z through
+distance to the triangles is exact. Its sign comes from rays: one ray along z through
 every column of cells enters the body where it meets a face from outside and leaves where it meets one from
 inside. That is 16,384 rays for 128³ cells; a ray that does not enter and leave in turn has met an edge twice and is
 cast again a little aside.
@@ -26,12 +26,15 @@ def cell_centres(n: int) -> np.ndarray:
 
 
 class DistanceField:
-    """Distance to a closed surface, exact to single precision, negative inside."""
+    """Where a closed surface is, and on which side of it."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, threads: int = 1):
         from open3d.t.geometry import RaycastingScene
 
+        from vibraverse.geometry.closest import ClosestPoint
+
         self._threads = threads
+        self._closest = ClosestPoint(vertices, faces)
         # Along +z a ray enters through a face whose normal points down.
         self._entering = -np.sign(normals_and_areas(vertices, faces)[0][:, 2]).astype(np.int64)
         self._scene = RaycastingScene(nthreads=threads)
@@ -40,10 +43,8 @@ class DistanceField:
         )
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Return the unsigned distance at ``points`` (..., 3) as float32 (...)."""
-        return self._scene.compute_distance(
-            np.ascontiguousarray(points, dtype=np.float32), nthreads=self._threads
-        ).numpy()
+        """Return the unsigned distance at ``points`` (..., 3), (...)."""
+        return self._closest.distance(points)
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Return which of ``points`` (N, 3) are inside, by the majority of three rays each."""
@@ -101,11 +102,12 @@ def signed_distance(vertices: np.ndarray, faces: np.ndarray, n: int, threads: in
     The surface is closed and lies inside [-1, 1]³; distances are in its units, rounded to multiples of 2⁻²⁰, about
     1e-6, which compress well. What is inside stays negative.
     """
-    field = DistanceField(vertices, faces, threads)
+    from vibraverse.geometry.distance import grid_distance
+
     x = cell_centres(n)
-    points = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1)
-    distance = np.maximum(np.round(field.distance(points) / QUANTUM), 1.0) * np.float32(QUANTUM)
-    return np.where(field.inside(x, x, x), -distance, distance)
+    inside = DistanceField(vertices, faces, threads).inside(x, x, x)
+    steps = np.maximum(np.round(grid_distance(vertices, faces, x, x, x) / QUANTUM), 1.0)
+    return (np.where(inside, -QUANTUM, QUANTUM) * steps).astype(np.float32)
 
 
 def occupancy(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:

@@ -45,9 +45,9 @@ def remesh(
     vertices: np.ndarray,
     faces: np.ndarray,
     size: float,
-    deviation: float = 0.06,
+    deviation: float = 0.1,
     ridge_deg: float = 25.0,
-    rounds: int = 3,
+    rounds: int = 5,
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the closed surface remade with edges of about ``size``, of the same volume, not cutting itself.
 
@@ -106,12 +106,13 @@ def _mmg(
 
 
 def _finer(vertices: np.ndarray, sizes: np.ndarray, points: np.ndarray, crossing: np.ndarray) -> np.ndarray:
-    """Return the wanted sizes halved around the faces that cross."""
+    """Return the wanted sizes (V,), around the faces that cross (C, 3) at most half of what these have."""
     from scipy.spatial import cKDTree
 
-    middles, reach = points[crossing].mean(axis=1), edge_lengths(points, crossing).max(axis=1)
-    distance, nearest = cKDTree(middles).query(vertices)
-    return np.where(distance < 1.5 * reach[nearest] + 1e-9, 0.5 * sizes, sizes)
+    lengths = edge_lengths(points, crossing)
+    distance, nearest = cKDTree(points[crossing].mean(axis=1)).query(vertices)
+    around = distance < 1.5 * lengths.max(axis=1)[nearest] + 1e-9
+    return np.where(around, np.minimum(sizes, 0.5 * lengths.mean(axis=1)[nearest]), sizes)
 
 
 def _fitted(closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -20,7 +20,7 @@ from vibraverse.refusal import Refused
 
 #: Edges at which the normal turns by more than this many degrees stay sharp: recipes in rows. The first good one of
 #: a row is taken, else its best; the next row is for when none of it works.
-RIDGES_DEG = ((35.0, 50.0, 180.0), (25.0,))
+RIDGES_DEG = ((35.0, 50.0), (180.0,), (25.0,))
 #: A triangle with a smaller angle is poor. A surface with no more than this share of poor ones is taken at once.
 _POOR_DEG, _FEW_POOR = 5.0, 1e-3
 #: Missing the target by more than the first factor counts like a share of poor triangles, in proportion.

@@ -58,5 +58,5 @@ STAGE = Stage(
     outputs={"grids": "occupancy and signed distance (HDF5)", "coarse": "box mesh of the occupancy (OBJ)"},
     run=run,
     options=Grids,
-    libraries=("h5py", "numpy", "open3d"),
+    libraries=("h5py", "numba", "numpy", "open3d"),
 )

@@ -58,5 +58,5 @@ STAGE = Stage(
     },
     run=run,
     options=Hollow,
-    libraries=("h5py", "mmgpy", "numpy", "open3d", "pymeshlab", "vtk"),
+    libraries=("h5py", "mmgpy", "numba", "numpy", "open3d", "pymeshlab", "vtk"),
 )

@@ -41,6 +41,6 @@ STAGE = Stage(
     outputs={"tets": "tetrahedra (gmsh .msh)", "record": "counts, volume and quality (JSON)"},
     run=run,
     options=Tets,
-    libraries=("gmsh", "meshio", "mmgpy"),
+    libraries=("gmsh", "meshio", "mmgpy", "numba"),
     per_solidity=True,
 )

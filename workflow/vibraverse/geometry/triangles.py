@@ -1,0 +1,53 @@
+"""How far a point is from a triangle, for compiled loops over many of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+
+
+def tabulate(corners: np.ndarray) -> np.ndarray:
+    """Return what :func:`nearest` needs of triangles (F, 3, 3), (F, 12).
+
+    Columns: the first corner a, the edges ab and ac, and the products ab·ab, ac·ac, ab·ac.
+    """
+    ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    products = [np.einsum("fd,fd->f", *pair) for pair in ((ab, ab), (ac, ac), (ab, ac))]
+    return np.ascontiguousarray(np.column_stack([corners[:, 0], ab, ac, *products]))
+
+
+@njit(cache=True, nogil=True)
+def nearest(p0, p1, p2, table, i):
+    """Return the barycentric coordinates v, w of the point of triangle ``i`` nearest to p, and its squared distance.
+
+    The point is ``a + v ab + w ac``. The Voronoi regions of the corners, of the edges and of the inside are tried in
+    turn; products with the edges from the other two corners follow from those with the edges from the first.
+    """
+    x, y, z = p0 - table[i, 0], p1 - table[i, 1], p2 - table[i, 2]
+    d1 = table[i, 3] * x + table[i, 4] * y + table[i, 5] * z
+    d2 = table[i, 6] * x + table[i, 7] * y + table[i, 8] * z
+    d3, d4 = d1 - table[i, 9], d2 - table[i, 11]
+    d5, d6 = d1 - table[i, 11], d2 - table[i, 10]
+    v = w = 0.0
+    if d1 <= 0.0 and d2 <= 0.0:
+        return v, w, x * x + y * y + z * z
+    if d3 >= 0.0 and d4 <= d3:
+        v = 1.0
+    elif d6 >= 0.0 and d5 <= d6:
+        w = 1.0
+    else:
+        vc, vb, va = d1 * d4 - d3 * d2, d5 * d2 - d1 * d6, d3 * d6 - d5 * d4
+        if vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
+            v = d1 / (d1 - d3)
+        elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
+            w = d2 / (d2 - d6)
+        elif va <= 0.0 and d4 >= d3 and d5 >= d6:
+            w = (d4 - d3) / ((d4 - d3) + (d5 - d6))
+            v = 1.0 - w
+        else:
+            scale = 1.0 / (va + vb + vc)
+            v, w = vb * scale, vc * scale
+    x -= v * table[i, 3] + w * table[i, 6]
+    y -= v * table[i, 4] + w * table[i, 7]
+    z -= v * table[i, 5] + w * table[i, 8]
+    return v, w, x * x + y * y + z * z
