@@ -6,14 +6,31 @@ import numpy as np
 from numba import njit
 
 
+#: A triangle whose height is a smaller share of its longest edge than this counts as that edge: rounding leaves nothing
+#: of its inside.
+_SLIVER = 1e-6
+
+
 def tabulate(corners: np.ndarray) -> np.ndarray:
     """Return what :func:`nearest` needs of triangles (F, 3, 3), (F, 12).
 
     Columns: the first corner a, the edges ab and ac, and the products ab·ab, ac·ac, ab·ac.
     """
+    corners = _without_slivers(corners)
     ab, ac = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     products = [np.einsum("fd,fd->f", *pair) for pair in ((ab, ab), (ac, ac), (ab, ac))]
     return np.ascontiguousarray(np.column_stack([corners[:, 0], ab, ac, *products]))
+
+
+def _without_slivers(corners: np.ndarray) -> np.ndarray:
+    """Return the triangles with slivers collapsed to their longest edge, as triangles with two equal corners."""
+    edges = np.roll(corners, -1, axis=1) - corners
+    lengths = np.linalg.norm(edges, axis=2)
+    longest, row = lengths.argmax(axis=1), np.arange(len(corners))
+    twice_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
+    thin = twice_area <= _SLIVER * lengths[row, longest] ** 2
+    start, stop = corners[row, longest], corners[row, (longest + 1) % 3]
+    return np.where(thin[:, None, None], np.stack([start, stop, stop], axis=1), corners)
 
 
 @njit(cache=True, nogil=True)
