@@ -14,7 +14,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(prog="vibraverse config", description="Check or show a configuration.")
     actions = parser.add_subparsers(dest="action", required=True, metavar="ACTION")
     for name, text in (
-        ("check", "say whether the configuration is valid"),
+        ("check", "say whether the configuration is valid and its files are there"),
         ("show", "print the configuration with every default filled in"),
     ):
         action = actions.add_parser(name, help=text, description=text)
@@ -29,13 +29,26 @@ def main(argv: list[str]) -> int:
         print(schema_text() if chosen.action == "schema" else markdown(), end="")
         return 0
     config = _load(chosen.file)
-    print(_resolved(config) if chosen.action == "show" else f"{chosen.file} is valid.")
+    if chosen.action == "show":
+        print(_resolved(config))
+    else:
+        print(f"{chosen.file} is valid and names {_count(config)} objects.")
     return 0
 
 
 def _load(path: str) -> Config:
     try:
         return load(path)
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
+
+
+def _count(config: Config) -> int:
+    """Return how many objects a configuration names; looks for its files, not into them."""
+    from vibraverse.sources.catalogue import catalogue
+
+    try:
+        return len(catalogue(config))
     except ConfigError as error:
         raise UsageError(str(error)) from None
 

@@ -31,6 +31,14 @@ def torch_dataset(path, fields=None, look: str = "clay", transform=None, **condi
     the index: ``torch_dataset("results/dataset", fields=["frequencies_hz", "views"], split="train")``.
     ``transform`` is applied to every item. Needs torch, which nothing else of the dataset does.
     """
-    from vibraverse.dataset.pytorch import TorchDataset
-
+    try:
+        from vibraverse.dataset.pytorch import TorchDataset
+    except ModuleNotFoundError as error:
+        if error.name != "torch":
+            raise
+        raise ModuleNotFoundError(
+            "torch_dataset needs PyTorch, which this environment lacks: install it, or use the environment that "
+            "`make learn` makes; vibraverse.dataset.open reads everything without it",
+            name="torch",
+        ) from None
     return TorchDataset(open(path, fields, look).where(**conditions), transform)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-
 #: A triangle whose height is a smaller share of its longest edge than this counts as that edge: rounding leaves nothing
 #: of its inside.
 _SLIVER = 1e-6

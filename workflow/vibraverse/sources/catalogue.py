@@ -74,7 +74,7 @@ def _entries(config: Config):
         try:
             found = find(files.path)
         except NoMeshes as error:
-            raise ConfigError(f"sources.files.{number}.path: {error}") from None
+            raise ConfigError(f"sources.files[{number}].path: {error}") from None
         for object_, path in found.items():
             options = {"origin": "files", "licence": files.licence}
             yield Entry(object_, "files", options, path, files.size_m)
