@@ -148,7 +148,7 @@ def test_a_missing_file(tmp_path, vibraverse):
 def test_check_and_show(tmp_path, vibraverse):
     path = tmp_path / "config.yaml"
     path.write_text("sources:\n  generated: {count: 2}\nmaterials:\n  tin:\n", encoding="utf-8")
-    assert vibraverse("config", "check", path)[:2] == (0, f"{path} is valid.\n")
+    assert vibraverse("config", "check", path)[:2] == (0, f"{path} is valid and names 5 objects.\n")
     status, out, _ = vibraverse("config", "show", path)
     assert status == 0
     shown = yaml.safe_load(out)
@@ -156,6 +156,14 @@ def test_check_and_show(tmp_path, vibraverse):
     assert shown["materials"]["tin"]["beta_s"] == 3e-8
     # What is shown is itself a configuration, and means the same.
     assert parse(shown) == load(path)
+
+
+def test_check_looks_for_the_files(tmp_path, vibraverse):
+    path = tmp_path / "config.yaml"
+    path.write_text(f"sources:\n  files: [{{path: {tmp_path}/nowhere}}]\nmaterials:\n  tin:\n", encoding="utf-8")
+    status, out, err = vibraverse("config", "check", path)
+    assert (status, out) == (2, "")
+    assert "sources.files[0].path: there is no file or folder" in err
 
 
 def test_the_schema_accepts_what_the_sections_accept(vibraverse):

@@ -289,7 +289,7 @@ def test_nothing_to_read_is_one_sentence(tmp_path):
     ):
         with pytest.raises(NoMeshes, match=said):
             find(str(path))
-        with pytest.raises(ConfigError, match=r"sources\.files\.0\.path: .*" + said):
+        with pytest.raises(ConfigError, match=r"sources\.files\[0\]\.path: .*" + said):
             catalogue(parse({"sources": {"files": [{"path": str(path)}]}}))
 
 
