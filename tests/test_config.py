@@ -160,7 +160,9 @@ def test_check_and_show(tmp_path, vibraverse):
 
 def test_check_looks_for_the_files(tmp_path, vibraverse):
     path = tmp_path / "config.yaml"
-    path.write_text(f"sources:\n  files: [{{path: {tmp_path}/nowhere}}]\nmaterials:\n  tin:\n", encoding="utf-8")
+    path.write_text(
+        f"sources:\n  files: [{{path: {tmp_path}/nowhere}}]\nmaterials:\n  tin:\n", encoding="utf-8"
+    )
     status, out, err = vibraverse("config", "check", path)
     assert (status, out) == (2, "")
     assert "sources.files[0].path: there is no file or folder" in err
