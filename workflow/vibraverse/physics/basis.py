@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.physics.eigensolver import RIGID, solve
+from vibraverse.physics.eigensolver import RIGID, signs, solve
 from vibraverse.physics.elasticity import Operators, assemble, lame
 from vibraverse.physics.factorisation import factorise
 from vibraverse.physics.reduction import Reduction, solve_reduced
@@ -95,7 +95,8 @@ def build_basis(
     """
     operators = assemble(points, cells, order)
     solved = min(modes + _GUARD, max(modes, operators.unknowns - RIGID - 2))
-    centre, *_ = centres = _centres(*poisson_range)
+    centres = _centres(*poisson_range)
+    centre = centres[0]
     pairs = solve(
         operators, centre, solved, rng=rng, method=method, factorisation=factorisation, tolerance=tolerance
     )
@@ -112,9 +113,8 @@ def build_basis(
         nodes += _adapt(space, modes, solved, near, max_error)
         probes += near
     turn, error = _compressed(space, modes, probes, max_error)
-    vectors = space.vectors @ turn
-    signs = np.where(vectors[np.abs(vectors).argmax(axis=0), np.arange(vectors.shape[1])] < 0, -1.0, 1.0)
-    vectors, (a_lambda, a_mu, sketch) = vectors * signs, space.turned(turn * signs)
+    turn = turn * signs(space.vectors @ turn)
+    vectors, (a_lambda, a_mu, sketch) = space.vectors @ turn, space.turned(turn)
     faces, surface_nodes = boundary(cells)
     volume, middle, inertia = rigid_body(operators)
     return ModalBasis(

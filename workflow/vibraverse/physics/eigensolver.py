@@ -41,7 +41,7 @@ class Eigenpairs:
     """Elastic eigenpairs, ascending: ``values`` (m,) are ω², ``vectors`` (n, m) with ``vectorsᵀ M vectors = I``.
 
     ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``; ``method`` is the one that ran; ``shift`` is σ
-    and ``factor`` the factorisation of ``K - σM`` (None for ``dense``), to be handed to the next solve on this mesh.
+    and ``factor`` the factorisation of ``K - σM`` (None for ``dense``), for more solves with it.
     """
 
     values: np.ndarray
@@ -61,12 +61,11 @@ def solve(
     method: str = "auto",
     factorisation: str = "auto",
     tolerance: float = 1e-5,
-    factor=None,
 ) -> Eigenpairs:
     """Return the ``modes`` lowest elastic eigenpairs for ``E = ρ = 1`` and Poisson's ratio ``poisson``.
 
     ``tolerance`` bounds the relative residual of every pair of the inverted operator; eigenvalues are right
-    to about its square. ``factor``: the factorisation of an earlier solve on this mesh, whose ordering is reused.
+    to about its square.
 
     Raises :class:`Refused` when the mesh has too few unknowns, is not one body (more than six rigid modes), or
     the iteration does not converge.
@@ -88,11 +87,7 @@ def solve(
             stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1)
         )
     else:
-        shifted = operators.shifted(*lame(1.0, poisson), shift)
-        if factor is None:
-            factor = factorise(shifted, factorisation)
-        else:
-            factor.update(shifted)
+        factor = factorise(operators.shifted(*lame(1.0, poisson), shift), factorisation)
         iterate = {"lanczos": _block_lanczos, "arpack": _arpack}[method]
         values, vectors = iterate(stiffness, mass, factor, shift, wanted, tolerance, rng)
     _check_rigid(values, vectors, operators)
@@ -184,14 +179,14 @@ def project(space: np.ndarray, matrix: sp.csr_matrix) -> np.ndarray:
     return 0.5 * (projected + projected.T)
 
 
-def orthonormalise(space: np.ndarray, mass: sp.csr_matrix, drop: float = 1e-14):
+def orthonormalise(space: np.ndarray, mass: sp.csr_matrix):
     """Return an M-orthonormal basis Q of the columns' span, ``M Q`` and ``M space``.
 
-    Columns are scaled to unit length; directions of their Gram matrix below ``drop`` of the largest are left
-    out. A second pass removes what rounding left of the first, where that is more than a few digits.
+    Columns are scaled to unit length; directions of their Gram matrix that are rounding are left out. A second pass
+    removes what rounding left of the first, where that is more than a few digits.
     """
     weighted_space = weighted = mass @ space
-    for limit in (drop, 1e-3):
+    for limit in (1e-14, 1e-3):
         gram = space.T @ weighted
         scale = 1.0 / np.sqrt(np.diag(gram))
         weights, vectors = scipy.linalg.eigh(gram * scale[:, None] * scale)
@@ -211,8 +206,13 @@ def residuals(stiffness, mass, values: np.ndarray, vectors: np.ndarray) -> np.nd
 
 def fix_signs(vectors: np.ndarray) -> np.ndarray:
     """Return the columns with the sign that makes the largest entry positive."""
+    return vectors * signs(vectors)
+
+
+def signs(vectors: np.ndarray) -> np.ndarray:
+    """Return the sign of the largest entry of every column, (m,): 1 or -1."""
     largest = vectors[np.argmax(np.abs(vectors), axis=0), np.arange(vectors.shape[1])]
-    return vectors * np.where(largest < 0, -1.0, 1.0)
+    return np.where(largest < 0, -1.0, 1.0)
 
 
 def _check_rigid(values: np.ndarray, vectors: np.ndarray, operators: Operators) -> None:

@@ -73,14 +73,14 @@ class Reduction:
 
     def __init__(self, operators: Operators, vectors: np.ndarray):
         self._operators, self._factor = operators, None
-        self._matrices = operators.k_lambda, operators.k_mu, operators.mass
         self._rigid, self._weighted_rigid, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
         n = operators.unknowns
         self._columns = Columns(n, _CAPACITY * vectors.shape[1])
-        self._images = [Columns(n, _CAPACITY * vectors.shape[1]) for _ in self._matrices]
-        self._projected = [np.zeros((0, 0)) for _ in self._matrices[:2]]
+        # The space times K_λ, K_μ and M.
+        self._images = [Columns(n, _CAPACITY * vectors.shape[1]) for _ in range(3)]
+        self._projected = [np.zeros((0, 0)) for _ in range(2)]
         self._probes: list[np.ndarray] = []
-        self._sketches: list[list[np.ndarray]] = []
+        self._sketches: list[np.ndarray] = []
         self._energy_poisson: list[float] = []
         self._extend(vectors)
 
@@ -109,11 +109,11 @@ class Reduction:
         self._factor = factor
         self._energy_poisson.append(poisson)
         self._probes.append(factor.inverse_root(rng.standard_normal((self._operators.unknowns, _SKETCH))))
-        self._sketches.append([self._probes[-1].T @ image.all for image in self._images])
+        self._sketches.append(_sketched(self._probes[-1], [image.all for image in self._images]))
 
     def solve(self, poisson: float, modes: int, guard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what :func:`solve_reduced` does."""
-        sketch = np.stack([np.concatenate(parts, axis=1) for parts in self._sketches])
+        sketch = _flat(np.stack(self._sketches))
         return solve_reduced(self.a_lambda, self.a_mu, sketch, self.energy_poisson, poisson, modes, guard)
 
     def correct(self, poisson: float, values: np.ndarray, coefficients: np.ndarray, max_error: float) -> None:
@@ -146,10 +146,7 @@ class Reduction:
     def turned(self, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return ``a_lambda``, ``a_mu`` and ``sketch`` of the subspace ``vectors @ turn``, turn (r, s) orthonormal."""
         a_lambda, a_mu = (turn.T @ matrix @ turn for matrix in self._projected)
-        sketch = np.stack(
-            [np.concatenate([part @ turn for part in parts], axis=1) for parts in self._sketches]
-        )
-        return 0.5 * (a_lambda + a_lambda.T), 0.5 * (a_mu + a_mu.T), sketch
+        return 0.5 * (a_lambda + a_lambda.T), 0.5 * (a_mu + a_mu.T), _flat(np.stack(self._sketches) @ turn)
 
     def _extend(self, block: np.ndarray) -> None:
         """Join the span of ``block`` (n, k)."""
@@ -160,17 +157,24 @@ class Reduction:
         fresh = [self._operators.k_lambda @ block, self._operators.k_mu @ block, weighted]
         self._projected = [
             _bordered(projected, old.T @ image, block.T @ image)
-            for projected, image in zip(self._projected, fresh, strict=False)
+            for projected, image in zip(self._projected, fresh[:2], strict=True)
         ]
         self._sketches = [
-            [
-                np.concatenate([part, probes.T @ image], axis=1)
-                for part, image in zip(parts, fresh, strict=True)
-            ]
-            for parts, probes in zip(self._sketches, self._probes, strict=True)
+            np.concatenate([sketch, _sketched(probes, fresh)], axis=-1)
+            for sketch, probes in zip(self._sketches, self._probes, strict=True)
         ]
         for columns, new in zip((self._columns, *self._images), (block, *fresh), strict=True):
             columns.append(new)
+
+
+def _sketched(probes: np.ndarray, images: list[np.ndarray]) -> np.ndarray:
+    """Return the products of random vectors (n, p) with three images (n, r) of the space, (p, 3, r)."""
+    return np.stack([probes.T @ image for image in images], axis=1)
+
+
+def _flat(sketch: np.ndarray) -> np.ndarray:
+    """Return sketches (k, p, 3, r) as (k, p, 3r)."""
+    return sketch.reshape(*sketch.shape[:2], -1)
 
 
 def _bordered(projected: np.ndarray, side: np.ndarray, corner: np.ndarray) -> np.ndarray:
