@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 
 from vibraverse.cli import UsageError
-from vibraverse.config import Config, ConfigError, load, schema_text
+from vibraverse.config import ConfigError, load, schema_text
 from vibraverse.config.reference import markdown
+from vibraverse.sources.catalogue import catalogue
 
 
 def main(argv: list[str]) -> int:
@@ -28,34 +29,25 @@ def main(argv: list[str]) -> int:
     if chosen.action in ("schema", "reference"):
         print(schema_text() if chosen.action == "schema" else markdown(), end="")
         return 0
-    config = _load(chosen.file)
-    if chosen.action == "show":
-        print(_resolved(config))
-    else:
-        print(f"{chosen.file} is valid and names {_count(config)} objects.")
+    try:
+        print(_ACTIONS[chosen.action](chosen.file))
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
     return 0
 
 
-def _load(path: str) -> Config:
-    try:
-        return load(path)
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
+def _checked(path: str) -> str:
+    """Return that the configuration is valid; looks for its files, not into them."""
+    return f"{path} is valid and names {len(catalogue(load(path)))} objects."
 
 
-def _count(config: Config) -> int:
-    """Return how many objects a configuration names; looks for its files, not into them."""
-    from vibraverse.sources.catalogue import catalogue
-
-    try:
-        return len(catalogue(config))
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
-
-
-def _resolved(config: Config) -> str:
+def _resolved(path: str) -> str:
+    """Return the configuration with every default filled in, as YAML."""
     import yaml
 
     return yaml.safe_dump(
-        config.model_dump(mode="json"), sort_keys=False, allow_unicode=True, default_flow_style=None
+        load(path).model_dump(mode="json"), sort_keys=False, allow_unicode=True, default_flow_style=None
     ).rstrip()
+
+
+_ACTIONS = {"check": _checked, "show": _resolved}
