@@ -9,6 +9,8 @@ cast again a little aside.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from vibraverse.geometry.surfaces import normals_and_areas
@@ -31,16 +33,21 @@ class DistanceField:
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, threads: int = 1):
         from open3d.t.geometry import RaycastingScene
 
-        from vibraverse.geometry.closest import ClosestPoint
-
         self._threads = threads
-        self._closest = ClosestPoint(vertices, faces)
+        self._surface = vertices, faces
         # Along +z a ray enters through a face whose normal points down.
         self._entering = -np.sign(normals_and_areas(vertices, faces)[0][:, 2]).astype(np.int64)
         self._scene = RaycastingScene(nthreads=threads)
         self._scene.add_triangles(
             np.ascontiguousarray(vertices, dtype=np.float32), np.ascontiguousarray(faces, dtype=np.uint32)
         )
+
+    @cached_property
+    def _closest(self):
+        """The search for closest points, made when it is first asked: which side a point is on needs none."""
+        from vibraverse.geometry.closest import ClosestPoint
+
+        return ClosestPoint(*self._surface)
 
     def distance(self, points: np.ndarray) -> np.ndarray:
         """Return the unsigned distance at ``points`` (..., 3), (...)."""
