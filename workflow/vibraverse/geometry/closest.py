@@ -34,7 +34,7 @@ class ClosestPoint:
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray):
         corners = np.asarray(vertices, dtype=np.float64)[faces]
-        order = np.argsort(_morton(corners.mean(axis=1)), kind="stable")
+        order = np.argsort(morton(corners.mean(axis=1)), kind="stable")
         leaves = 1 << int(np.ceil(np.log2(max(1.0, len(faces) / _LEAF))))
         # The last triangle fills what is left of the leaves.
         corners = corners[np.concatenate([order, np.full(leaves * _LEAF - len(order), order[-1])])]
@@ -50,7 +50,7 @@ class ClosestPoint:
         return np.sqrt(_search(flat, self._table, self._cylinders)[1]).reshape(np.shape(points)[:-1])
 
 
-def _morton(points: np.ndarray) -> np.ndarray:
+def morton(points: np.ndarray) -> np.ndarray:
     """Return the place of every point (N, 3) along a Morton curve through their bounding box."""
     low = points.min(axis=0)
     scale = (2**_BITS - 1) / max(float((points - low).max()), 1e-300)

@@ -11,6 +11,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from vibraverse.geometry import surfaces
+from vibraverse.geometry.crossing import crossing_faces as crossing_faces
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -98,13 +99,6 @@ def _meshlab(vertices: np.ndarray, faces: np.ndarray):
 def _arrays(session) -> Mesh:
     mesh = session.current_mesh()
     return mesh.vertex_matrix().astype(np.float64), mesh.face_matrix().astype(np.int64)
-
-
-def crossing_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return which faces (F,) cut another face of the same surface."""
-    session = _meshlab(vertices, faces)
-    session.compute_selection_by_self_intersections_per_face()
-    return session.current_mesh().face_selection_array()
 
 
 def close_holes(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
