@@ -10,8 +10,10 @@ import pytest
 import shapes
 from vibraverse import meshfiles
 from vibraverse.geometry import repair, surfaces
-from vibraverse.geometry.clean import RUNGS, clean, judge
+from vibraverse.geometry.clean import clean
 from vibraverse.geometry.closest import ClosestPoint
+from vibraverse.geometry.judge import Unfit, judge
+from vibraverse.geometry.ladder import RUNGS
 from vibraverse.refusal import Refused, read_refusal
 
 
@@ -68,14 +70,22 @@ def test_a_missing_side_is_closed():
     vertices, faces = shapes.box()
     body = clean(vertices, faces[(vertices[faces][:, :, 2] > -0.89).any(axis=1)])
     check_normalised(body)
-    assert body.rung == "join"
+    assert body.rung == "close"
+    assert [step["rung"] for step in body.ladder] == ["as-is", "weld"]
+    assert body.ladder[0]["failed"] == "4 open edges"
     assert surfaces.volume(body.vertices, body.faces) == pytest.approx(1.8**3)
+    # The cover's middle is farthest from what was there: half a side of 1.8, by a diagonal of 1.8 √3.
+    assert body.deviation.body_to_source == pytest.approx(0.5 / 3**0.5, abs=body.deviation.sampling_error)
+    assert body.deviation.source_to_body == pytest.approx(0, abs=1e-12)
+    assert body.volume_change is None
+    assert body.area_change == pytest.approx(6 / 5 - 1)
 
 
 def test_overlapping_parts_become_their_union():
     body = clean(*shapes.together(shapes.box((2, 1, 1)), shapes.box((1, 3, 1), centre=(0.5, 1.0, 0.0))))
     check_normalised(body)
-    assert body.rung == "join"
+    assert body.rung == "unite"
+    assert body.repairs == ["united 2 parts, which left 1"]
     # 2 + 3 - 1 cubic units, in a bounding box whose longest side is 3.
     assert surfaces.volume(body.vertices, body.faces) == pytest.approx(4 * 0.6**3, rel=1e-6)
 
@@ -83,13 +93,16 @@ def test_overlapping_parts_become_their_union():
 def test_triangles_that_cut_each_other_are_replaced():
     vertices, faces = shapes.ball(subdivisions=4)
     dented = vertices.copy()
-    dented[0] *= -1.05  # one vertex pulled through the opposite side
+    dented[0] *= -1.01  # one vertex pulled through the opposite side
     body = clean(dented, faces)
     check_normalised(body)
-    assert body.rung == "patch"
+    assert body.rung == "unite"
+    assert body.repairs == ["resolved where it cuts itself"]
+    # The tip that reached through, inside out, is gone; the dent stays.
     assert surfaces.volume(body.vertices, body.faces) == pytest.approx(
-        surfaces.volume(vertices, faces), rel=0.01
+        surfaces.volume(dented, faces), rel=0.01
     )
+    assert body.deviation.hausdorff < 0.01
 
 
 def test_parts_that_touch_nothing_are_dropped_and_named():
@@ -97,7 +110,11 @@ def test_parts_that_touch_nothing_are_dropped_and_named():
     check_normalised(body)
     assert body.rung == "largest"
     assert surfaces.volume(body.vertices, body.faces) == pytest.approx(1.8**3)
-    assert any(note.startswith("dropped 1 pieces with 2") for note in body.repairs)
+    assert body.repairs[-1].startswith("dropped 1 body with 2")
+    assert body.dropped_parts == 1
+    # 0.5³ of 0.5³ + 1.8³
+    assert body.dropped_share == pytest.approx(0.125 / (0.125 + 5.832))
+    assert body.deviation.hausdorff < 1e-9  # what was dropped is not missed
 
 
 @pytest.mark.parametrize(("name", "volume"), [("airplane.ply", 0.0444), ("ant.ply", 0.0832)])
@@ -132,7 +149,7 @@ def test_public_closed_models_pass(shared_meshes):
     assert len(rungs) == 14
     assert {name: rung for name, rung in rungs.items() if rung != "as-is"} == {
         "featuretype.stl": "weld",
-        "wingnut.obj": "patch",
+        "wingnut.obj": "unite",
     }
 
 
@@ -159,11 +176,19 @@ def test_a_mesh_beyond_the_limit_is_refused():
 
 
 def test_the_ladder_climbs_from_gentle_to_severe():
-    assert [name for name, _ in RUNGS] == ["as-is", "weld", "patch", "join", "wrap", "largest"]
+    assert [name for name, _ in RUNGS] == [
+        "as-is",
+        "weld",
+        "close",
+        "unite",
+        "wrap",
+        "largest",
+        "largest-wrap",
+    ]
 
 
 def test_a_very_dense_mesh_is_thinned_without_losing_volume(monkeypatch):
-    from vibraverse.geometry import clean as module
+    import vibraverse.geometry.clean as module
 
     monkeypatch.setattr(module, "_DENSE", 3000)
     vertices, faces = shapes.ball(subdivisions=4)

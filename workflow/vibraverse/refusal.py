@@ -20,6 +20,7 @@ REASONS = {
     "not_a_solid": "the shape bounds no volume",
     "too_large": "the mesh is larger than the configured limit",
     "not_repairable": "the surface could not be made closed and manifold",
+    "separate_bodies": "most of the shape lies apart from its largest body",
     "too_thin": "the body or its wall is too thin to resolve",
     "meshing_failed": "no valid tetrahedra could be made",
     "solve_failed": "the vibration modes could not be computed",

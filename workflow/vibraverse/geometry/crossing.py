@@ -13,7 +13,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from vibraverse.geometry.closest import morton
+from vibraverse.geometry.boxes import box_tree
 
 #: A sign computed in floating point counts when the number is larger than this times the size of what it is made of.
 #: The numbers below have degree five at most in coordinates that are themselves rounded differences.
@@ -32,31 +32,12 @@ def crossing_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
         return crossing
     vertices = np.ascontiguousarray(vertices, dtype=np.float64)
     faces = np.ascontiguousarray(faces, dtype=np.int64)
-    order, boxes = _box_tree(vertices[faces])
+    order, boxes = box_tree(vertices[faces])
     pairs = _undecided(vertices, faces, order, boxes, crossing)
     for one, other in pairs[~crossing[pairs].all(axis=1)].tolist():
         if _meet_exactly(vertices, faces[one].tolist(), faces[other].tolist()):
             crossing[[one, other]] = True
     return crossing
-
-
-def _box_tree(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the order of triangles (F, 3, 3) along a Morton curve, and boxes around them as a complete binary tree.
-
-    The children of node ``i`` are ``2i + 1`` and ``2i + 2``; the leaves hold one triangle each, in that order, and
-    those left over hold nothing. Boxes (2 leaves - 1, 6) are lower and upper corners.
-    """
-    order = np.argsort(morton(corners.mean(axis=1)), kind="stable")
-    leaves = 1 << int(np.ceil(np.log2(len(corners))))
-    low, high = np.full((2 * leaves - 1, 3), np.inf), np.full((2 * leaves - 1, 3), -np.inf)
-    low[leaves - 1 : leaves - 1 + len(corners)] = corners[order].min(axis=1)
-    high[leaves - 1 : leaves - 1 + len(corners)] = corners[order].max(axis=1)
-    while leaves > 1:
-        leaves //= 2
-        parent, left = slice(leaves - 1, 2 * leaves - 1), slice(2 * leaves - 1, 4 * leaves - 2, 2)
-        right = slice(2 * leaves, 4 * leaves - 1, 2)
-        low[parent], high[parent] = np.minimum(low[left], low[right]), np.maximum(high[left], high[right])
-    return order, np.hstack([low, high])
 
 
 def _undecided(vertices, faces, order, boxes, crossing) -> np.ndarray:

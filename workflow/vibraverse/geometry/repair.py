@@ -1,4 +1,4 @@
-"""Gentle repairs of a triangle soup: weld, drop what is degenerate or doubled, orient, patch, close, join, wrap.
+"""Gentle repairs of a triangle soup: weld, drop what is doubled, orient, close, unite, wrap.
 
 Every function takes and returns arrays and changes as little as its name says. The ladder that decides which
 of them a mesh needs is in :mod:`vibraverse.geometry.clean`.
@@ -14,6 +14,10 @@ from vibraverse.geometry import surfaces
 from vibraverse.geometry.crossing import crossing_faces as crossing_faces
 
 Mesh = tuple[np.ndarray, np.ndarray]
+
+#: Triangles longer than this many times their height are caps.
+_CAP = 1e9
+_TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)
 
 
 def weld(vertices: np.ndarray, faces: np.ndarray, tolerance: float = 0.0) -> Mesh:
@@ -102,7 +106,10 @@ def _arrays(session) -> Mesh:
 
 
 def close_holes(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Close every hole by triangles over its rim; faces at edges with more than two go first."""
+    """Close every hole by triangles over its rim; faces at edges with more than two go first.
+
+    Covers may cut other faces.
+    """
     session = _meshlab(vertices, faces)
     session.meshing_repair_non_manifold_edges()
     session.meshing_repair_non_manifold_vertices()
@@ -110,36 +117,90 @@ def close_holes(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     return _arrays(session)
 
 
-def patch(vertices: np.ndarray, faces: np.ndarray, rounds: int = 5) -> Mesh:
-    """Cut out the faces that cut each other, with a growing rim, and close the holes that leaves."""
-    for ring in range(rounds):
-        session = _meshlab(vertices, faces)
-        session.compute_selection_by_self_intersections_per_face()
-        crossing = session.current_mesh().selected_face_number()
-        if not crossing and surfaces.topology(faces, len(vertices)).closed_manifold:
-            break
-        for _ in range(ring):
-            session.apply_selection_dilatation()
-        session.meshing_remove_selected_faces()
-        session.meshing_repair_non_manifold_edges()
-        session.meshing_repair_non_manifold_vertices()
-        session.meshing_remove_unreferenced_vertices()
-        session.meshing_close_holes(maxholesize=200, selfintersection=True)
-        vertices, faces = _arrays(session)
-    return surfaces.compact(vertices, faces)
+def flip_caps(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    """Turn the longest edge of every triangle without area, so that its third point splits the neighbour there."""
+    session = _meshlab(vertices, faces)
+    session.meshing_remove_t_vertices(method="Edge Flip", threshold=_CAP, repeat=True)
+    return _arrays(session)
 
 
-def join(bodies: list[Mesh], tolerance: float) -> list[Mesh]:
-    """Return the union of closed bodies as its disjoint pieces, the largest first.
+def unite(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    """Return the outside of what closed, outward surfaces enclose, however they cut each other and themselves.
 
-    Details below ``tolerance`` that cutting leaves are smoothed away. Raises ``ValueError`` when a body is not
-    a valid solid.
+    The arrangement of all triangles is exact, and what has a positive winding number is inside (Zhou et al., ACM
+    Trans. Graph. 35(4), 2016). Where bodies touch in an edge or a point the result does. Raises ``ValueError`` when
+    the surfaces are not closed.
     """
-    import manifold3d
+    import pymeshlab
 
-    union = manifold3d.Manifold.batch_boolean([_solid(*body) for body in bodies], manifold3d.OpType.Add)
-    pieces = sorted(union.decompose(), key=lambda piece: -piece.volume())
-    return [_mesh(piece.simplify(tolerance)) for piece in pieces]
+    session = _meshlab(vertices, faces)
+    # A difference resolves the first mesh whatever the second is, so a tetrahedron far away is taken off.
+    far = vertices.max(axis=0) + np.ptp(vertices, axis=0).max()
+    session.add_mesh(pymeshlab.Mesh(far + np.eye(4, 3, k=-1), _TETRAHEDRON))
+    try:
+        session.generate_boolean_difference(first_mesh=0, second_mesh=1)
+    except pymeshlab.PyMeshLabException as error:
+        raise ValueError(str(error)) from None
+    return _arrays(session)
+
+
+def separate(vertices: np.ndarray, faces: np.ndarray, distance: float) -> Mesh:
+    """Take a closed, oriented surface apart where it touches itself in edges or points.
+
+    Faces around an edge pair up across the solid between them, each fan of faces gets its own copy of a vertex, and the
+    copies move into their fans by ``distance``, or by less where the faces are small.
+    """
+    keys = surfaces.edge_keys(surfaces.half_edges(faces))
+    _, edge, count = np.unique(keys, return_inverse=True, return_counts=True)
+    edge = _paired(vertices, faces, edge, count)
+    fan = surfaces.fan_labels(faces, edge)
+    _, first, fan = np.unique(fan, return_index=True, return_inverse=True)
+    source = faces.ravel()[first]
+    split = np.bincount(source, minlength=len(vertices))[source] > 1
+    points, faces = vertices[source], fan.reshape(-1, 3)
+    if split.any():
+        ends = surfaces.half_edges(faces)
+        towards, around = np.zeros_like(points), np.zeros(len(points))
+        np.add.at(towards, ends[:, 0], points[ends[:, 1]] - points[ends[:, 0]])
+        np.add.at(around, ends[:, 0], 1.0)
+        step = towards / np.maximum(around, 1.0)[:, None]
+        length = np.linalg.norm(step, axis=1, keepdims=True)
+        step *= np.minimum(0.05, distance / np.maximum(length, 1e-300))
+        points = np.where(split[:, None], points + step, points)
+    return points, faces
+
+
+def _paired(vertices: np.ndarray, faces: np.ndarray, edge: np.ndarray, count: np.ndarray) -> np.ndarray:
+    """Return the numbers of the edges (3F,) with those of more than two faces split into pairs of faces.
+
+    Seen along the edge, a face that runs up it and the next one counter-clockwise that runs down it bound a wedge of
+    the solid, which lies to the left of both.
+    """
+    halves, edge = surfaces.half_edges(faces), edge.copy()
+    number = len(count)
+    for crowded in np.flatnonzero(count > 2):
+        around = np.flatnonzero(edge == crowded)
+        low, high = np.sort(halves[around[0]])
+        along = vertices[high] - vertices[low]
+        third = faces.ravel()[around - around % 3 + (around + 2) % 3]
+        out = vertices[third] - vertices[low]
+        basis = np.linalg.svd(along[None])[2]
+        basis[0] = along
+        if np.linalg.det(basis) < 0:
+            basis[2] = -basis[2]
+        angle = np.arctan2(out @ basis[2], out @ basis[1])
+        up = halves[around, 0] == low
+        order = around[np.argsort(angle, kind="stable")]
+        turned = up[np.argsort(angle, kind="stable")]
+        starts = np.flatnonzero(turned)
+        for start in starts:
+            # Outward normals: the solid is clockwise of a face that runs up the edge.
+            before = order[start - 1]
+            if turned[start - 1]:
+                break
+            edge[[order[start], before]] = number
+            number += 1
+    return edge
 
 
 def wrap(vertices: np.ndarray, faces: np.ndarray, alpha: float, offset: float) -> Mesh:

@@ -86,6 +86,15 @@ def compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nda
     return vertices[used], (np.cumsum(used) - 1)[faces]
 
 
+def joined(meshes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+    """Return several meshes as one, in their order."""
+    offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
+    return (
+        np.concatenate([vertices for vertices, _ in meshes]),
+        np.concatenate([faces + offset for (_, faces), offset in zip(meshes, offsets[:-1], strict=True)]),
+    )
+
+
 @dataclass(frozen=True)
 class Topology:
     """What a set of triangles is, counted: everything is zero for the surface of a solid but ``components``."""

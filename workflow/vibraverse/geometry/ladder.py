@@ -1,0 +1,318 @@
+"""The ladder of repairs: its rungs, gentlest first, and how it is climbed.
+
+A rung is a function of the welded soup that returns a surface or raises :class:`Unfit`. The first whose result passes
+:func:`judge`, and neither loses nor invents too much of the shape, is taken.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.boxes import contains
+from vibraverse.geometry.deviation import Deviation, deviation
+from vibraverse.geometry.judge import Scattered, Sheet, Unfit, counted, judge
+from vibraverse.geometry.repair import Mesh
+from vibraverse.geometry.sheets import thicken
+from vibraverse.geometry.wrapping import draw_in
+from vibraverse.refusal import Refused
+
+#: Points closer than this are joined, in normalised units.
+_WELD = 1e-5
+#: What a repair leaves apart is a crumb while it holds at most this share of the volume.
+_CRUMBS = 0.002
+#: A part whose mean thickness 2V/A is below this, in normalised units, is flat.
+_FLAT = 1e-5
+#: Bodies that touch in an edge or a point move this far apart, in normalised units.
+_APART = 1e-4
+#: Wrapping radii and distances from the soup, as shares of the diagonal, coarsest first.
+_WRAPS = ((0.04, 0.004), (0.02, 0.003), (0.01, 0.003))
+#: A wrap that holds less than this share of a coarser one has entered the body through a hole.
+_ENTERED = 0.5
+#: A wrap whose mean thickness 2V/A is below this many distances from the soup has nothing inside it.
+_SHEET = 3.0
+#: What is outside a result may be this far from it, as a share of the diagonal.
+_LOST = 0.01
+#: This share of a result's area may be made up. A hemisphere's cover is a third of what it closes: a bowl stays a bowl.
+_INVENTED = 0.3
+
+
+@dataclass
+class Attempt:
+    """What one rung may do and what it did."""
+
+    max_dropped: float = 0.0
+    """Share of the volume that may be dropped by the rungs that drop."""
+    thickness: float = 0.0
+    """Thickness given to sheets by the rungs that do, in normalised units."""
+    notes: list[str] = field(default_factory=list)
+    """What was done, in words."""
+    dropped: list[Mesh] = field(default_factory=list)
+    """Bodies left out."""
+    dropped_share: float = 0.0
+    """Their share of the volume."""
+    filled_cavities: int = 0
+    """Shells inside others, facing inwards, that were filled."""
+
+
+@dataclass(frozen=True)
+class Climb:
+    """Where the ladder ended: the rung, its result, what it did, how far that is from the source, what failed before."""
+
+    rung: str
+    body: Mesh
+    attempt: Attempt
+    deviation: Deviation | None
+    failed: list[dict[str, str]]
+
+
+def climb(
+    rungs: Sequence[tuple[str, Callable]], soup: Mesh, failed: list[dict[str, str]], **options: float
+) -> Climb:
+    """Return the first rung's result that is a solid like the soup; ``options`` are those of :class:`Attempt`.
+
+    Failures are appended to ``failed`` as ``{"rung": …, "failed": …}``. Raises :class:`Refused` when no rung is left, and
+    :class:`Sheet` as soon as one finds that there is nothing inside.
+    """
+    last = Unfit("there is no repair to try")
+    for name, rung in rungs:
+        attempt = Attempt(**options)
+        try:
+            body = rung(*soup, attempt)
+            judge(*body)
+            away = None if rung is as_it_is else _compare(soup, body, attempt, rung)
+        except Unfit as unfit:
+            failed.append({"rung": name, "failed": str(unfit)})
+            if isinstance(unfit, Sheet):
+                raise
+            last = unfit
+            continue
+        return Climb(name, body, attempt, away, failed)
+    said = "; ".join(f"{entry['rung']}: {entry['failed']}" for entry in failed)
+    raise Refused(last.reason, f"No repair made the surface that of one solid. {said}.", last.advice)
+
+
+def _compare(soup: Mesh, body: Mesh, attempt: Attempt, rung: Callable) -> Deviation:
+    """Return how far a result is from the soup; raise :class:`Unfit` when that is too far."""
+    # Crumbs may go because they are small, not because they are light: only what is dropped on purpose is not missed.
+    away = deviation(soup, body, attempt.dropped if rung in _DROPPING else [])
+    if away.source_to_body > _LOST:
+        raise Unfit(f"something of the source lost {100 * away.source_to_body:.1f} % of the diagonal away")
+    if away.invented > _INVENTED and rung not in _THICKENING:
+        raise Unfit(f"a surface {100 * away.invented:.0f} % of which would be made up")
+    return away
+
+
+def as_it_is(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Keep every triangle; turn those that point the wrong way."""
+    turned = repair.orient(vertices, faces)
+    count = int((turned != faces).any(axis=1).sum())
+    if count:
+        attempt.notes.append(f"turned {counted(count, 'triangle')}")
+    return vertices, turned
+
+
+def weld(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Join points that are almost equal."""
+    joined, kept = repair.weld(vertices, faces, _WELD)
+    kept = repair.drop_doubles(kept)
+    if len(kept) < len(faces) or len(joined) < len(vertices):
+        points, triangles = len(vertices) - len(joined), len(faces) - len(kept)
+        attempt.notes.append(f"joined {counted(points, 'point')}, dropped {counted(triangles, 'triangle')}")
+    return as_it_is(joined, kept, attempt)
+
+
+def close(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Close the holes of a surface of one part."""
+    bodies = _closed_parts(vertices, faces, attempt)
+    if len(bodies) > 1:
+        raise Unfit(counted(len(bodies) - 1, "further part"))
+    return bodies[0]
+
+
+def unite(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Close the holes of every part and take what they enclose together as one body."""
+    return _largest(_united(_closed_parts(vertices, faces, attempt), attempt), attempt, _CRUMBS)
+
+
+def wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Shrink-wrap everything, as finely as the holes allow."""
+    return _wrapped(vertices, faces, attempt, _CRUMBS)
+
+
+def largest(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Of bodies that lie apart, each united from its parts, keep the largest."""
+    return _largest(_united(_closed_parts(vertices, faces, attempt), attempt), attempt, attempt.max_dropped)
+
+
+def largest_wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Of wraps that lie apart keep the largest."""
+    return _wrapped(vertices, faces, attempt, attempt.max_dropped)
+
+
+def thickened(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Give sheets a thickness by moving both sides out, and unite them."""
+    plates = []
+    for part in repair.parts(*weld(vertices, faces, attempt)):
+        if surfaces.topology(part[1], len(part[0])).disagreeing_edges:
+            raise Unfit("a sheet with one side only")
+        plates.append(thicken(*part, attempt.thickness))
+    return _largest(_united(plates, attempt), attempt, attempt.max_dropped)
+
+
+def thickly_wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
+    """Give sheets a thickness by wrapping them at half of it."""
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    offset = 0.5 * attempt.thickness / diagonal
+    wrapped = repair.wrap(vertices, faces, max(offset, 0.01), offset)
+    return _largest(_components(*wrapped), attempt, attempt.max_dropped)
+
+
+#: The ladder, gentlest first: name -> function of the soup that notes what it did and may raise Unfit.
+RUNGS: tuple[tuple[str, Callable], ...] = (
+    ("as-is", as_it_is),
+    ("weld", weld),
+    ("close", close),
+    ("unite", unite),
+    ("wrap", wrap),
+    ("largest", largest),
+    ("largest-wrap", largest_wrap),
+)
+#: The ladder for open sheets that are to be thickened.
+SHEET_RUNGS: tuple[tuple[str, Callable], ...] = (("thicken", thickened), ("thick-wrap", thickly_wrapped))
+#: Rungs that drop bodies on purpose, and those that make a body of what is none.
+_DROPPING = (largest, largest_wrap, thickened, thickly_wrapped)
+_THICKENING = (thickened, thickly_wrapped)
+
+
+def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> list[Mesh]:
+    """Return every part with its holes closed, facing outward; parts that then enclose nothing are left out."""
+    bodies, inward, closed, flat = [], [], 0, 0
+    vertices, faces = repair.weld(vertices, faces, _WELD)
+    for points, loose in repair.parts(vertices, repair.drop_doubles(faces)):
+        part = points, repair.orient(points, loose)
+        turned = bool((part[1] != loose).any(axis=1).mean() > 0.5)
+        if surfaces.topology(part[1], len(points)).open_edges:
+            part = repair.flip_caps(*repair.close_holes(*part))
+            closed += 1
+        part = repair.separate(*part, _APART)
+        found, enclosed = surfaces.topology(part[1], len(part[0])), surfaces.volume(*part)
+        if not found.closed_manifold or 2 * abs(enclosed) < _FLAT * surfaces.area(*part):
+            flat += 1
+            continue
+        if enclosed < 0:
+            part, turned = (part[0], part[1][:, ::-1]), not turned
+        bodies.append(part)
+        inward.append(turned)
+    if not bodies:
+        raise Unfit(f"{counted(flat, 'part')} none of which encloses anything")
+    if closed:
+        attempt.notes.append(f"closed the holes of {closed} of {counted(len(bodies) + flat, 'part')}")
+    if flat:
+        attempt.notes.append(f"left out {counted(flat, 'flat part')}")
+    attempt.filled_cavities += _cavities(bodies, inward)
+    return bodies
+
+
+def _cavities(bodies: list[Mesh], inward: list[bool]) -> int:
+    """Return how many of the bodies lie inside another that faced the other way."""
+    boxes = [(points.min(axis=0), points.max(axis=0)) for points, _ in bodies]
+    count = 0
+    for i, (points, _) in enumerate(bodies):
+        for j, other in enumerate(bodies):
+            within = (boxes[i][0] > boxes[j][0]).all() and (boxes[i][1] < boxes[j][1]).all()
+            if within and inward[i] != inward[j] and contains(*other, points).all():
+                count += 1
+                break
+    return count
+
+
+def _united(bodies: list[Mesh], attempt: Attempt) -> list[Mesh]:
+    """Return the bodies that closed surfaces enclose together, each with its own surface, holes inside filled."""
+    try:
+        points, triangles = repair.unite(*surfaces.joined(bodies))
+    except ValueError as error:
+        raise Unfit(f"parts that are not closed ({error})") from None
+    points, triangles = repair.weld(points, triangles)
+    shells = _components(*repair.separate(points, triangles, _APART))
+    pieces = [shell for shell in shells if surfaces.volume(*shell) > 0]
+    if len(bodies) > 1:
+        attempt.notes.append(f"united {counted(len(bodies), 'part')}, which left {len(pieces)}")
+    else:
+        attempt.notes.append("resolved where it cuts itself")
+    void = _FLAT * sum(surfaces.volume(*piece) for piece in pieces)
+    attempt.filled_cavities += sum(surfaces.volume(*shell) < -void for shell in shells)
+    return [_tidied(*piece) for piece in pieces]
+
+
+def _tidied(points: np.ndarray, triangles: np.ndarray) -> Mesh:
+    """Return a body without the slivers that cutting leaves, where it is a solid without them."""
+    try:
+        smooth = repair.simplify(points, triangles, _WELD)
+        judge(*smooth)
+    except (Unfit, ValueError):
+        return points, triangles
+    return smooth
+
+
+def _components(points: np.ndarray, triangles: np.ndarray) -> list[Mesh]:
+    """Return the parts of a surface that share no point."""
+    part = surfaces.face_components(triangles, len(points))
+    return [surfaces.compact(points, triangles[part == i]) for i in range(int(part.max(initial=-1)) + 1)]
+
+
+def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop: float) -> Mesh:
+    """Return the finest wrap that has not entered the body; raise :class:`Sheet` when nothing is inside it."""
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    enclosed, best, complaint = 0.0, None, Unfit("nothing to wrap")
+    for alpha, offset in _WRAPS:
+        trial = Attempt()
+        try:
+            wrapped = _largest(_components(*repair.wrap(vertices, faces, alpha, offset)), trial, may_drop)
+            inside = surfaces.volume(*wrapped)
+            if inside < _ENTERED * enclosed:
+                break
+            judge(*wrapped)
+        except Scattered as scattered:  # and more so where it enters narrower gaps
+            complaint = scattered
+            break
+        except Unfit as unfit:
+            complaint = unfit
+            continue
+        enclosed = max(enclosed, inside)
+        body = draw_in(*wrapped, offset * diagonal)
+        thickness = 2 * surfaces.volume(*body) / surfaces.area(*body)
+        trial.notes.insert(0, f"wrapped at {100 * alpha:g} % of the diagonal")
+        best = body, thickness / (offset * diagonal), thickness / diagonal, trial
+    if best is None:
+        raise complaint
+    body, layers, thickness, trial = best
+    if layers < _SHEET:
+        raise Sheet(f"what it encloses is {100 * thickness:.2g} % of the diagonal thick on average")
+    attempt.notes += trial.notes
+    attempt.dropped, attempt.dropped_share = trial.dropped, trial.dropped_share
+    return body
+
+
+def _largest(pieces: list[Mesh], attempt: Attempt, may_drop: float) -> Mesh:
+    """Return the largest piece; raise :class:`Scattered` when the others hold more than they may."""
+    volumes = np.array([surfaces.volume(*piece) for piece in pieces])
+    if not len(volumes) or volumes.max() <= 0:
+        raise Unfit("nothing is left")
+    keep = int(volumes.argmax())
+    volumes = volumes.clip(0)
+    share = float(1 - volumes[keep] / volumes.sum())
+    others = len(pieces) - 1
+    if share > may_drop + 1e-9:
+        raise Scattered(
+            f"{counted(others, 'further body')} with {100 * share:.3g} % of the volume apart from the largest"
+            + (f"; at most {100 * may_drop:g} % may be dropped" if may_drop > _CRUMBS else "")
+        )
+    if others:
+        attempt.notes.append(f"dropped {counted(others, 'body')} with {100 * share:.2g} % of the volume")
+        attempt.dropped = [piece for i, piece in enumerate(pieces) if i != keep]
+        attempt.dropped_share = share
+    return pieces[keep]
