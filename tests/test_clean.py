@@ -12,7 +12,7 @@ from vibraverse import meshfiles
 from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.clean import clean
 from vibraverse.geometry.closest import ClosestPoint
-from vibraverse.geometry.judge import Unfit, judge
+from vibraverse.geometry.judge import judge
 from vibraverse.geometry.ladder import RUNGS
 from vibraverse.refusal import Refused, read_refusal
 

@@ -1,7 +1,7 @@
 """Boxes around triangles as a tree, and what is answered with it: is a point inside a closed surface?
 
-Triangles lie along a Morton curve, one to a leaf of a complete binary tree: the children of node ``i`` are ``2i + 1`` and
-``2i + 2``.
+Triangles lie along a Morton curve, one to a leaf of a complete binary tree: the children of node ``i`` are ``2i + 1``
+and ``2i + 2``.
 """
 
 from __future__ import annotations

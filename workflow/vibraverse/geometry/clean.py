@@ -1,7 +1,7 @@
 """From a triangle soup to the surface of one solid body, by the gentlest repair that suffices.
 
-The soup is moved and scaled, climbs the ladder (:mod:`vibraverse.geometry.ladder`), and the result is moved and scaled so
-that its bounding box is centred at the origin and its longest side is 1.8.
+The soup is moved and scaled, climbs the ladder (:mod:`vibraverse.geometry.ladder`), and the result is moved and scaled
+so that its bounding box is centred at the origin and its longest side is 1.8.
 """
 
 from __future__ import annotations
@@ -66,8 +66,8 @@ def clean(
 ) -> CleanSurface:
     """Return the surface of the one solid body that a soup of triangles describes.
 
-    ``vertices`` (V, 3) finite, ``faces`` (F, 3). Of bodies that lie apart the largest is kept when the others hold at most
-    ``max_dropped`` of the volume. ``open_sheets`` is ``"refuse"`` or ``"thicken"``, to ``sheet_thickness`` times the
+    ``vertices`` (V, 3) finite, ``faces`` (F, 3). Of bodies that lie apart the largest is kept when the others hold at
+    most ``max_dropped`` of the volume. ``open_sheets`` is ``"refuse"`` or ``"thicken"``, to ``sheet_thickness`` times the
     longest side. Raises :class:`Refused` with reason ``too_large``, ``empty``, ``not_a_solid``, ``separate_bodies`` or
     ``not_repairable``.
     """

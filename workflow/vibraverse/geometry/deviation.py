@@ -1,9 +1,9 @@
 """How far two surfaces are from each other, by samples of both.
 
 The one-sided Hausdorff distance ``max_a min_b |a - b|`` is sampled at the vertices and at the centres of the triangles
-that appear when every triangle with a longest edge L is cut into k² equal ones, ``k = ⌈L / h⌉``. Any point of the surface
-is then within ``2h/3`` of a sample. The distance to a surface changes no faster than the position, so the sampled
-maximum misses the true one by at most ``2h/3``; ``h`` is 1 % of the diagonal, or as much more as the number of
+that appear when every triangle with a longest edge L is cut into k² equal ones, ``k = ⌈L / h⌉``. Any point of the
+surface is then within ``2h/3`` of a sample. The distance to a surface changes no faster than the position, so the
+sampled maximum misses the true one by at most ``2h/3``; ``h`` is 1 % of the diagonal, or as much more as the number of
 samples asks for.
 """
 
@@ -29,8 +29,8 @@ _FAR = 0.01
 class Deviation:
     """How a body's surface differs from the mesh it was made of; distances are shares of the body's diagonal.
 
-    What lies inside the body, deeper than 1 % of the diagonal, was swallowed, not lost: nobody sees it, and it counts in no
-    distance.
+    What lies inside the body, deeper than 1 % of the diagonal, was swallowed, not lost: nobody sees it, and it counts
+    in no distance.
     """
 
     source_to_body: float

@@ -32,8 +32,8 @@ class Scattered(Unfit):
 def judge(vertices: np.ndarray, faces: np.ndarray) -> None:
     """Raise :class:`Unfit` unless the surface bounds one solid body.
 
-    It is closed, oriented outward, manifold in edges and vertices and connected; every face has an area, and no two meet
-    but in the edges and points they share.
+    It is closed, oriented outward, manifold in edges and vertices and connected; every face has an area, and no two
+    meet but in the edges and points they share.
     """
     if not len(faces):
         raise Unfit("nothing is left")

@@ -60,7 +60,7 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Climb:
-    """Where the ladder ended: the rung, its result, what it did, how far that is from the source, what failed before."""
+    """Where the ladder ended: the rung, its result, what it did, how far that is from the source, what failed."""
 
     rung: str
     body: Mesh

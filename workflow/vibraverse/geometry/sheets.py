@@ -13,11 +13,12 @@ _ALONG = 1e-6
 
 
 def thicken(vertices: np.ndarray, faces: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the plate around an oriented sheet (V, 3), (F, 3), closed, its triangles at half the thickness on both sides.
+    """Return the plate around an oriented sheet (V, 3), (F, 3), closed, its triangles at half the thickness on both
+    sides.
 
-    A vertex moves by ``d t/2`` with ``n·d = 1`` for the normals of all faces around, or as nearly as can be; so a flat sheet
-    of area A becomes a plate of volume ``A t``, and a folded one keeps its thickness along the fold. The plate cuts
-    itself where the sheet bends more tightly than half its thickness.
+    A vertex moves by ``d t/2`` with ``n·d = 1`` for the normals of all faces around, or as nearly as can be; so a flat
+    sheet of area A becomes a plate of volume ``A t``, and a folded one keeps its thickness along the fold. The plate
+    cuts itself where the sheet bends more tightly than half its thickness.
     """
     _, edge, count = np.unique(
         surfaces.edge_keys(surfaces.half_edges(faces)), return_inverse=True, return_counts=True

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry import surfaces
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.remesh import move
 from vibraverse.geometry.sight import LineOfSight
