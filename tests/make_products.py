@@ -243,7 +243,8 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
         products.write_provenance(h5, provenance("basis", object_id, solidity, order=2))
     sounds = {}
     with h5py.File(at(paths.modes), "w") as h5:
-        h5.attrs.update(object=object_id, solidity=solidity, size_m=SIZE_M, scale_m=SIZE_M / 1.8)
+        h5.attrs.update(object=object_id, solidity=solidity, size_m=SIZE_M, size_origin="generated")
+        h5.attrs["scale_m"] = SIZE_M / 1.8
         h5.attrs["volume_m3"] = volume * (SIZE_M / 1.8) ** 3
         h5["surface/vertices"], h5["surface/faces"] = vertices.astype(np.float32), faces.astype(np.int32)
         for name in MATERIAL_NAMES:

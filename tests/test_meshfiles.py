@@ -162,24 +162,22 @@ def test_3mf_places_components_and_states_its_unit(tmp_path):
 def test_gltf_is_packed_into_one_glb(tmp_path, uri):
     path = tmp_path / "pair.gltf"
     path.write_text(gltf(tmp_path, uri))
-    data, format, unit_m = as_one_file(path)
-    assert (format, unit_m) == ("glb", 1.0)
     alone = tmp_path / "elsewhere" / "source.mesh"
     alone.parent.mkdir()
-    alone.write_bytes(data)
+    assert as_one_file(path, alone) == ("glb", 1.0)
     mesh, direct = read_mesh(alone, "glb"), read_mesh(path)
     assert np.array_equal(mesh.vertices, direct.vertices)
     assert mesh.parts == 2
     assert volume(mesh) == pytest.approx(2 / 6, abs=1e-6)
     assert sorted(np.unique(mesh.vertices[:, 0])) == pytest.approx([-1, 0, 3, 4])
-    assert pack(path.read_bytes(), tmp_path) == data
+    assert pack(path.read_bytes(), tmp_path) == alone.read_bytes()
 
 
 def test_gltf_without_its_buffer_is_refused(tmp_path):
     path = tmp_path / "pair.gltf"
     for uri, said in (("gone.bin", "gone.bin"), ("../part.bin", "does not lie beside it")):
         path.write_text(gltf(tmp_path, uri))
-        for action in (as_one_file, read_mesh):
+        for action in (lambda path: as_one_file(path, tmp_path / "copy"), read_mesh):
             with pytest.raises(Refused, match=said) as refused:
                 action(path)
             assert refused.value.reason == "unreadable"

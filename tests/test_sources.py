@@ -83,7 +83,7 @@ def test_wall_has_its_thickness():
 
 
 def test_triangulate_keeps_triangles_as_they_are():
-    faces = triangulate(np.eye(3), [[2, 0, 1]])
+    faces = triangulate(np.eye(3), np.array([2, 0, 1]), np.array([3]))
     assert faces.tolist() == [[2, 0, 1]]
 
 
@@ -285,7 +285,7 @@ def test_nothing_to_read_is_one_sentence(tmp_path):
         (tmp_path / "gone", "there is no file or folder"),
         (tmp_path / "docs", "holds no mesh files"),
         (tmp_path / "*.obj", "no mesh file matches"),
-        (tmp_path / "model.step", "not a mesh in a known format"),
+        (tmp_path / "model.step", "neither a mesh in a known format"),
     ):
         with pytest.raises(NoMeshes, match=said):
             find(str(path))

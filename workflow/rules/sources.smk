@@ -19,7 +19,7 @@ rule sources:
         mem_mb=memory("light"),
         runtime=minutes("light"),
     params:
-        file=lambda wildcards, input: f"--file {quote(str(input.file))}" if input.file else "",
+        file=lambda wildcards, input: f"--file={quote(str(input.file))}" if input.file else "",
         options=lambda wildcards: plan.options("sources", object_=wildcards.object),
         version=VERSIONS["sources"],
     message:

@@ -2,7 +2,7 @@
 
 Reading keeps what the file says: vertices are neither merged nor reordered nor dropped, polygons become
 triangles, and a scene of several parts becomes one mesh with each part where its transforms put it. Whatever
-the bytes, the result is a mesh or a refusal that says what is wrong with the file.
+the bytes, the result is a mesh or a refusal that says what is wrong with the file, in bounded memory.
 """
 
 from __future__ import annotations
@@ -11,14 +11,19 @@ import io
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
 from vibraverse.refusal import Refused
-from vibraverse.sources import threemf
-from vibraverse.sources.files import FORMATS
-from vibraverse.sources.gltf import pack, required_extensions
-from vibraverse.sources.polygons import parse_obj, parse_off, triangulate
+from vibraverse.sources.bounds import Bounds, TooLarge
+from vibraverse.sources.files import FORMATS, open_regular
+from vibraverse.sources.glb import parse_glb
+from vibraverse.sources.gltf import pack
+from vibraverse.sources.ply import parse_ply
+from vibraverse.sources.stl import parse_stl
+from vibraverse.sources.textmeshes import parse_obj, parse_off
+from vibraverse.sources.threemf import parse_3mf
 
 _EXPORT_AGAIN = "Export it again from the program that made it."
 _CHECK_NAME = "Check that the file is whole and that its extension tells its format, then export it again."
@@ -39,12 +44,19 @@ class MeshData:
     parts: int = 1
 
 
-def read_mesh(path: str | Path, format: str | None = None, name: str | None = None) -> MeshData:
+#: Far above what any stage can use; a stage passes its own limit.
+_MAX_TRIANGLES = 100_000_000
+
+
+def read_mesh(
+    path: str | Path, format: str | None = None, name: str | None = None, max_triangles: int = _MAX_TRIANGLES
+) -> MeshData:
     """Read a mesh file.
 
     ``format`` is a value of :data:`FORMATS` (default: by the extension); ``name`` is what to call the file in
-    a refusal (default: its own name). Raises :class:`Refused` with reason ``unreadable``, ``empty`` or
-    ``not_finite``, and nothing else whatever the bytes are.
+    a refusal (default: its own name). A file that has more than ``max_triangles``, or says so, is refused before
+    memory is spent on them. Raises :class:`Refused` with reason ``unreadable``, ``empty``, ``not_finite`` or
+    ``too_large``, and nothing else whatever the bytes are.
     """
     path = Path(path)
     name = name or path.name
@@ -56,26 +68,26 @@ def read_mesh(path: str | Path, format: str | None = None, name: str | None = No
             f"Convert it to one of {', '.join(dict.fromkeys(FORMATS.values())).upper()}.",
         )
     try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise Refused(
-            "unreadable", f"{name} cannot be opened ({error.strerror}).", "Check the file's permissions."
-        ) from None
-    if not data:
-        raise Refused("empty", f"{name} is empty (0 bytes).", _EXPORT_AGAIN)
-    try:
-        with warnings.catch_warnings(), np.errstate(all="ignore"):
+        with open_regular(path, name) as file, warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            mesh = _PARSERS[format](data, path)
-            return _checked(mesh, name)
+            if not file.read(1):
+                raise Refused("empty", f"{name} is empty (0 bytes).", _EXPORT_AGAIN)
+            file.seek(0)
+            return _checked(_PARSERS[format](file, path, Bounds(max_triangles)), name)
     except Refused:
         raise
-    except MemoryError:
+    except TooLarge as error:
         raise Refused(
-            "unreadable", f"{name} needs more memory than there is.", "Simplify the mesh."
+            "too_large", f"{name} {error}.", "Simplify the mesh, or raise clean.max_triangles."
         ) from None
+    except MemoryError:
+        raise Refused("too_large", f"{name} needs more memory than there is.", "Simplify the mesh.") from None
     except Exception as error:
-        what = " ".join(str(error).split())[:200] or type(error).__name__
+        what = " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
+        if isinstance(error, KeyError):
+            what = f"it lacks {what}"
+        elif isinstance(error, (TypeError, AttributeError, IndexError)):
+            what = "its parts are not where its structure says"
         raise Refused(
             "unreadable",
             f"{name} could not be read as {format.upper()}: {what}.",
@@ -113,74 +125,29 @@ def _checked(mesh: MeshData, name: str) -> MeshData:
     return MeshData(vertices, faces, mesh.unit_m, mesh.parts)
 
 
-def _read_obj(data: bytes, path: Path) -> MeshData:
-    vertices, polygons = parse_obj(data)
-    return MeshData(vertices, triangulate(vertices, polygons))
+def _plain(parse):
+    """Return a reader around a parser that gives vertices and triangles alone."""
+    return lambda file, path, bounds: MeshData(*parse(file, bounds))
 
 
-def _read_stl(data: bytes, path: Path) -> MeshData:
-    mesh = _trimesh(data, "stl")
-    if len(mesh.faces) == 0 and not data.lstrip().startswith(b"solid"):
-        raise ValueError("it is neither a text nor a binary STL file")
-    return mesh
+def _read_glb(file: BinaryIO, path: Path, bounds: Bounds) -> MeshData:
+    vertices, faces, parts = parse_glb(file, bounds)
+    return MeshData(vertices, faces, 1.0, parts)
 
 
-def _read_ply(data: bytes, path: Path) -> MeshData:
-    return _trimesh(data, "ply", skip_materials=True, fix_texture=False)
+def _read_gltf(file: BinaryIO, path: Path, bounds: Bounds) -> MeshData:
+    return _read_glb(io.BytesIO(pack(file.read(), path.parent)), path, bounds)
 
 
-def _read_off(data: bytes, path: Path) -> MeshData:
-    vertices, polygons = parse_off(data)
-    return MeshData(vertices, triangulate(vertices, polygons))
-
-
-def _read_glb(data: bytes, path: Path) -> MeshData:
-    for extension in required_extensions(data):
-        if "compression" in extension:
-            raise ValueError(f"it is compressed with {extension}, which is not supported")
-    return _trimesh(data, "glb", skip_materials=True, unit_m=1.0)
-
-
-def _read_gltf(data: bytes, path: Path) -> MeshData:
-    return _read_glb(pack(data, path.parent), path)
-
-
-def _read_3mf(data: bytes, path: Path) -> MeshData:
-    vertices, faces, unit_m, parts = threemf.parse(data)
-    return MeshData(vertices, faces, unit_m, parts)
-
-
-def _trimesh(data: bytes, format: str, unit_m: float | None = None, **options) -> MeshData:
-    """Parse with trimesh, without any of its processing, and join the parts of a scene."""
-    import trimesh
-
-    scene = trimesh.load_scene(io.BytesIO(data), file_type=format, process=False, **options)
-    vertices, faces, offset = [], [], 0
-    for node in scene.graph.nodes_geometry:
-        transform, geometry = scene.graph[node]
-        part = scene.geometry[geometry]
-        points = np.asarray(part.vertices, dtype=np.float64)
-        triangles = np.asarray(getattr(part, "faces", np.zeros((0, 3))), dtype=np.int64)
-        if not np.array_equal(transform, np.eye(4)):
-            points = points @ transform[:3, :3].T + transform[:3, 3]
-            if np.linalg.det(transform[:3, :3]) < 0:  # a mirrored part keeps its outside outside
-                triangles = triangles[:, ::-1]
-        # An index out of range must stay so when parts are joined.
-        if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
-            return MeshData(points, triangles)
-        vertices.append(points)
-        faces.append(triangles + offset)
-        offset += len(points)
-    if not vertices:
-        return MeshData(np.zeros((0, 3)), np.zeros((0, 3), np.int64))
-    return MeshData(np.concatenate(vertices), np.concatenate(faces), unit_m, len(vertices))
+def _read_3mf(file: BinaryIO, path: Path, bounds: Bounds) -> MeshData:
+    return MeshData(*parse_3mf(file, bounds))
 
 
 _PARSERS = {
-    "obj": _read_obj,
-    "stl": _read_stl,
-    "ply": _read_ply,
-    "off": _read_off,
+    "obj": _plain(parse_obj),
+    "stl": _plain(parse_stl),
+    "ply": _plain(parse_ply),
+    "off": _plain(parse_off),
     "glb": _read_glb,
     "gltf": _read_gltf,
     "3mf": _read_3mf,

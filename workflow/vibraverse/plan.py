@@ -39,6 +39,7 @@ class Plan:
                 "materials": {name: m.model_dump() for name, m in config.materials.items()},
                 "modes": config.basis.modes,
                 "size_m": self.objects[object_].size_m,
+                "size_origin": self.objects[object_].size_origin,
                 "default_size_m": config.sources.default_size_m,
             }
         elif stage == "dataset":

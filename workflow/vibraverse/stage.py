@@ -112,10 +112,11 @@ def _write_refusal(job: Job, refusal: Refusal) -> None:
 def run(job: Job, command: list[str]) -> int:
     """Run a job and return its exit status: 0 for products or a refusal, else the machine failed."""
     print(shlex.join(command), file=sys.stderr, flush=True)
-    missing = [path for path in _flat(job.inputs) if not path.exists()]
-    if missing:
-        print(f"{job.stage.name}: the input {missing[0]} does not exist.", file=sys.stderr)
-        return 2
+    for path in _flat(job.inputs):
+        if not path.is_file():  # opening a pipe would wait for ever
+            wrong = "is not a file" if path.exists() else "does not exist"
+            print(f"{job.stage.name}: the input {path} {wrong}.", file=sys.stderr)
+            return 2
     if job.stage.passes_refusals:
         for path in _flat(job.inputs):
             refusal = read_refusal(path)

@@ -143,7 +143,8 @@ class _Strike:
 
         self.mesh: Path = arguments.mesh
         if not self.mesh.is_file():
-            raise UsageError(f"the mesh file {self.mesh} does not exist")
+            wrong = "is not a file" if self.mesh.exists() else "does not exist"
+            raise UsageError(f"the mesh file {self.mesh} {wrong}")
         if not is_mesh(self.mesh.name):
             raise UsageError(
                 f"{self.mesh.name} is no mesh file: OBJ, STL, PLY, OFF, GLB, glTF and 3MF are read"

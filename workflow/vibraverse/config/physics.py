@@ -72,6 +72,9 @@ class Modes(Section):
     size_m: PositiveFloat | None = None
     """Longest side of the bounding box in metres; without it the size the source states, else the default."""
 
+    size_origin: str | None = None
+    """Who says ``size_m``: ``configuration`` or ``manifest``."""
+
     default_size_m: PositiveFloat = 0.15
     """Longest side in metres where the source states none."""
 

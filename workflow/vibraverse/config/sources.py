@@ -23,17 +23,21 @@ class Generated(Section):
 
 
 class Files(Section):
-    """A folder or glob of mesh files."""
+    """Mesh files: a folder, a glob, or a manifest that lists them."""
 
     path: str
-    """A file, a folder (searched with its subfolders) or a glob; OBJ, STL, PLY, OFF, GLB, glTF, 3MF."""
+    """A file, a folder (searched with its subfolders), a glob, or a manifest: a ``.csv`` or ``.tsv`` that lists one
+    mesh per row. OBJ, STL, PLY, OFF, GLB, glTF, 3MF."""
 
     size_m: PositiveFloat | None = None
-    """Longest side of every mesh in metres; without it GLB, glTF and 3MF keep the size they state and others
-    get ``sources.default_size_m``."""
+    """Longest side of every mesh in metres, unless its row states one; without it GLB, glTF and 3MF keep the size
+    they state and others get ``sources.default_size_m``."""
+
+    category: str | None = None
+    """What kind of thing these files show, unless a row says it; kept in every record."""
 
     licence: str = "unknown"
-    """Licence that holds for these files, kept in every record."""
+    """Licence that holds for these files, unless a row states one; kept in every record."""
 
 
 class Objaverse(Section):
@@ -74,6 +78,9 @@ class SourceEntry(Section):
 
     origin: Literal["generated", "bundled", "files", "objaverse"] = "generated"
     """``generated`` and ``bundled`` objects are named by their id, ``files`` by the input."""
+
+    category: str | None = None
+    """What kind of thing a mesh of your own shows."""
 
     licence: str = "unknown"
     """Licence of a mesh of your own."""

@@ -67,7 +67,7 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
         yield from _everything(basis, f"{solidity}/basis")
 
     with h5py.File(at(paths.modes)) as modes:
-        for key in ("size_m", "scale_m", "volume_m3"):
+        for key in ("size_m", "size_origin", "scale_m", "volume_m3"):
             yield f"{solidity}@{key}", modes.attrs[key]
         for name in materials:
             material, place = modes["materials"][name], f"{solidity}/materials/{name}"

@@ -135,7 +135,7 @@ def index_row(group, object_id: str, solidity: str, material: str, shard: str) -
         "material": material,
         "shard": shard,
         **{key: group.attrs[key] for key in ("split", "origin", "category", "title", "licence")},
-        **{key: body.attrs[key] for key in ("size_m", "volume_m3")},
+        **{key: body.attrs[key] for key in ("size_m", "size_origin", "volume_m3")},
         "mass_kg": made_of.attrs["mass_kg"],
         "tetrahedra": len(body["tets/cells"]),
         "modes": len(frequencies),

@@ -6,20 +6,22 @@ Snakemake reads this every time it starts, so nothing here loads a numerical lib
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vibraverse.config import Config, ConfigError, unknown
 from vibraverse.sources.bundled import BUNDLED
 from vibraverse.sources.families import FAMILIES
 from vibraverse.sources.files import NoMeshes, find
+from vibraverse.sources.manifest import Row, is_manifest, read_manifest
 
 
 @dataclass(frozen=True)
 class Entry:
     """One object: ``options`` are those of the stage ``sources``, ``input`` is a mesh file of the user's.
 
-    ``size_m`` is the longest side in metres as the configuration states it, or None.
+    ``size_m`` is the longest side in metres as the configuration or a manifest states it, or None; ``size_origin``
+    says which of the two.
     """
 
     object: str
@@ -27,6 +29,7 @@ class Entry:
     options: dict = field(default_factory=dict)
     input: Path | None = None
     size_m: float | None = None
+    size_origin: str | None = None
 
 
 def catalogue(config: Config) -> dict[str, Entry]:
@@ -46,7 +49,7 @@ def catalogue(config: Config) -> dict[str, Entry]:
     for object_, size_m in config.sources.sizes_m.items():
         if object_ not in entries:
             raise ConfigError(f"sources.sizes_m: {_unknown_object(object_, entries)}")
-        entries[object_] = _sized(entries[object_], size_m)
+        entries[object_] = replace(entries[object_], size_m=size_m, size_origin="configuration")
     return entries
 
 
@@ -72,21 +75,24 @@ def _entries(config: Config):
         yield Entry(object_, "bundled", {"origin": "bundled"})
     for number, files in enumerate(sources.files):
         try:
-            found = find(files.path)
+            if is_manifest(files.path):
+                rows = read_manifest(files.path)
+            else:
+                rows = [Row(object_, path) for object_, path in find(files.path).items()]
         except NoMeshes as error:
             raise ConfigError(f"sources.files[{number}].path: {error}") from None
-        for object_, path in found.items():
-            options = {"origin": "files", "licence": files.licence}
-            yield Entry(object_, "files", options, path, files.size_m)
+        for row in rows:
+            options = {"origin": "files", "licence": row.licence or files.licence}
+            if category := row.category or files.category:
+                options["category"] = category
+            size_m = row.size_m or files.size_m
+            origin = "manifest" if row.size_m else "configuration" if files.size_m else None
+            yield Entry(row.object, "files", options, row.path, size_m, origin)
     for uid in dict.fromkeys(sources.objaverse.uids):
         if not re.fullmatch(r"[A-Za-z0-9_-]+", uid):
             raise ConfigError(f"sources.objaverse.uids: {uid!r} is not a UID of letters and digits")
         options = {"origin": "objaverse", "uid": uid, "cache": sources.objaverse.cache}
         yield Entry(f"objaverse-{uid.lower()}", "objaverse", options)
-
-
-def _sized(entry: Entry, size_m: float) -> Entry:
-    return Entry(entry.object, entry.origin, entry.options, entry.input, size_m)
 
 
 def _whence(entry: Entry) -> str:

@@ -8,12 +8,16 @@ from __future__ import annotations
 
 import glob
 import os
+import shutil
+import stat
 import unicodedata
 from collections import defaultdict
 from pathlib import Path
+from typing import BinaryIO
 
 from vibraverse.refusal import Refused
 from vibraverse.seeds import stable_hash
+from vibraverse.sources.bounds import MAX_BYTES, TooLarge
 
 #: File name extension -> format, for all that ``vibraverse.meshfiles`` reads.
 FORMATS = {
@@ -46,45 +50,81 @@ def find(path: str) -> dict[str, Path]:
     given = Path(path).expanduser()
     if given.is_file():
         if not is_mesh(given.name):
-            raise NoMeshes(f"the file {path} is not a mesh in a known format ({_known()})")
+            raise NoMeshes(
+                f"the file {path} is neither a mesh in a known format ({known_formats()}) nor a manifest (CSV, TSV)"
+            )
         return {slug(given.stem): given}
     if given.is_dir():
         files = list(_walk(given))
         if not files:
-            raise NoMeshes(f"the folder {path} holds no mesh files ({_known()})")
+            raise NoMeshes(f"the folder {path} holds no mesh files ({known_formats()})")
         return identify(files, given)
     if glob.has_magic(str(given)):
         base = _fixed_part(given)
         files = _matching(base, given)
         if not files:
-            raise NoMeshes(f"no mesh file matches {path} ({_known()})")
+            raise NoMeshes(f"no mesh file matches {path} ({known_formats()})")
         return identify(files, base)
+    if given.exists():
+        raise NoMeshes(f"{path} is neither a file nor a folder")
     raise NoMeshes(f"there is no file or folder {path}")
 
 
-def as_one_file(path: Path) -> tuple[bytes, str, float | None]:
-    """Return a mesh file's bytes, its format and the metres per unit it states (None where it states none).
+def open_regular(path: Path, name: str | None = None) -> BinaryIO:
+    """Open a mesh file for reading, without waiting for a pipe or a device.
+
+    Raises :class:`Refused`: ``unreadable`` where there is no file that may be read, ``too_large`` for one of
+    more than ``MAX_BYTES``. ``name`` is what to call it (default: its own name).
+    """
+    name = name or path.name
+    try:
+        state = path.stat()
+        if not stat.S_ISREG(state.st_mode):
+            kind = "a folder" if stat.S_ISDIR(state.st_mode) else "a pipe or a device"
+            raise Refused("unreadable", f"{name} is {kind} and not a file.", "Put a mesh file in its place.")
+        if state.st_size > MAX_BYTES:
+            raise Refused(
+                "too_large",
+                f"{name} has {state.st_size >> 20} MB; files of more than {MAX_BYTES >> 20} MB are not read.",
+                "Simplify the mesh.",
+            )
+        return open(path, "rb")
+    except OSError as error:
+        raise Refused(
+            "unreadable", f"{name} cannot be opened ({error.strerror}).", "Check the file's permissions."
+        ) from None
+
+
+def as_one_file(path: Path, target: Path) -> tuple[str, float | None]:
+    """Copy a mesh file to ``target``; return its format and the metres per unit it states (None where it states none).
 
     A .gltf becomes a GLB that holds its neighbours too. Raises :class:`Refused` (``unreadable``) when one is
-    missing; the bytes are not looked at otherwise.
+    missing, or as :func:`open_regular` does; the bytes are not looked at otherwise.
     """
-    data, format = path.read_bytes(), FORMATS.get(path.suffix.lower(), "")
-    if format == "gltf" and data:
-        from vibraverse.sources.gltf import pack
+    format = FORMATS.get(path.suffix.lower(), "")
+    with open_regular(path) as file:
+        if format == "gltf" and os.fstat(file.fileno()).st_size:
+            from vibraverse.sources.gltf import pack
 
-        try:
-            return pack(data, path.parent), "glb", 1.0
-        except Exception as error:
-            raise Refused(
-                "unreadable",
-                f"{path.name} could not be packed into one file: {' '.join(str(error).split())[:200]}.",
-                "Export it as GLB, or put its buffers beside it.",
-            ) from None
-    if format == "3mf":
-        from vibraverse.sources.threemf import unit_m
+            try:
+                target.write_bytes(pack(file.read(), path.parent))
+            except TooLarge as error:
+                raise Refused("too_large", f"{path.name} {error}.", "Simplify the mesh.") from None
+            except Exception as error:
+                what = " ".join(str(error).split())[:200]
+                raise Refused(
+                    "unreadable",
+                    f"{path.name} could not be packed into one file: {what}.",
+                    "Export it as GLB, or put its buffers beside it.",
+                ) from None
+            return "glb", 1.0
+        with open(target, "wb") as copy:
+            shutil.copyfileobj(file, copy, 1 << 20)
+        if format == "3mf":
+            from vibraverse.sources.threemf import unit_m
 
-        return data, format, unit_m(data)
-    return data, format, 1.0 if format in ("glb", "gltf") else None
+            return format, unit_m(file)
+    return format, 1.0 if format in ("glb", "gltf") else None
 
 
 def is_mesh(name: str) -> bool:
@@ -101,7 +141,14 @@ def identify(files: list[Path], base: Path) -> dict[str, Path]:
     ids: dict[str, Path] = {}
     for object_, found in by_id.items():
         for relative, file in found:
-            ids[object_ if len(found) == 1 else f"{object_}-{_short_hash(relative)}"] = file
+            if not relative.isprintable():  # logs and rules are text
+                raise NoMeshes(
+                    f"the file name {str(file)!r} holds characters that cannot be printed; rename it"
+                )
+            id_ = object_ if len(found) == 1 else f"{object_}-{_short_hash(relative)}"
+            if id_ in ids:
+                raise NoMeshes(f"two files have the id {id_!r}: {ids[id_]} and {file}; rename one")
+            ids[id_] = file
     return dict(sorted(ids.items()))
 
 
@@ -124,7 +171,8 @@ def _short_hash(text: str) -> str:
     return f"{stable_hash('file', unicodedata.normalize('NFC', text)) & 0xFFFFFFFF:08x}"
 
 
-def _known() -> str:
+def known_formats() -> str:
+    """Return the formats' names in a row, for a sentence."""
     return ", ".join(format.upper() for format in FORMATS.values())
 
 

@@ -12,6 +12,8 @@ import struct
 from pathlib import Path
 from urllib.parse import unquote
 
+from vibraverse.sources.bounds import MAX_BYTES, TooLarge
+
 _MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
 _IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
@@ -53,28 +55,26 @@ def pack(data: bytes, folder: Path) -> bytes:
     return struct.pack("<4sII", _MAGIC, 2, 12 + len(body)) + body
 
 
-def required_extensions(data: bytes) -> list[str]:
-    """Return the extensions without which a GLB cannot be read; ``ValueError`` when ``data`` is no GLB."""
-    if data[:4] != _MAGIC or len(data) < 20:
-        raise ValueError("it does not begin like a GLB file")
-    length, kind = struct.unpack_from("<I4s", data, 12)
-    if kind != _JSON:
-        raise ValueError("its first chunk is not JSON")
-    document = json.loads(data[20 : 20 + length])
-    return [str(name) for name in document.get("extensionsRequired", [])]
+def data_uri(uri: str) -> bytes:
+    """Return the bytes that a data URI holds; ``ValueError`` for the name of a file."""
+    if not uri.startswith("data:"):
+        raise ValueError(f"it refers to {uri[:60]!r}, which is not in it")
+    return base64.b64decode(uri.partition(",")[2])
 
 
 def _fetch(uri: str, folder: Path) -> bytes:
     """Return the bytes of a data URI or of a file beside the document."""
     if uri.startswith("data:"):
-        return base64.b64decode(uri.split(",", 1)[1])
+        return data_uri(uri)
     path = Path(unquote(uri))
     if path.is_absolute() or ".." in path.parts or "://" in uri:
         raise ValueError(f"it refers to {uri!r}, which does not lie beside it")
-    try:
-        return (folder / path).read_bytes()
-    except OSError:
-        raise FileNotFoundError(f"its buffer {uri} is missing") from None
+    neighbour = folder / path
+    if not neighbour.is_file():
+        raise FileNotFoundError(f"its buffer {uri} is missing")
+    if neighbour.stat().st_size > MAX_BYTES:
+        raise TooLarge(f"refers to {uri}, a file of more than {MAX_BYTES >> 20} MB")
+    return neighbour.read_bytes()
 
 
 def _append(blob: bytearray, content: bytes) -> int:

@@ -1,115 +1,131 @@
-"""Text formats of polygon meshes (OBJ, OFF) and their polygons cut into triangles.
-
-Only what makes the surface is read: positions and the corners of faces. In OBJ indices count from 1, negative
-ones backwards from the latest vertex; in OFF from 0.
-"""
+"""Vertices and polygons as they are read, in flat arrays, and polygons cut into triangles."""
 
 from __future__ import annotations
 
-import re
-from itertools import pairwise
+import array
+from dataclasses import dataclass, field
 
 import numpy as np
 
-Polygon = list[int]
+from vibraverse.sources.bounds import Bounds
+
+#: Corners that are looked at together, so that memory stays small.
+_AT_ONCE = 1 << 18
+
+#: Corners of a concave polygon; cutting one that crosses itself takes time with the square of them.
+_MAX_CONCAVE = 5000
 
 
-def parse_obj(data: bytes) -> tuple[np.ndarray, list[Polygon]]:
-    """Return vertices (V, 3) and polygons of an OBJ file; faces of fewer than three corners are not kept.
+@dataclass
+class Polygons:
+    """Polygons of any number of corners in two flat arrays, eight bytes a number.
 
-    Raises ``ValueError`` naming the line that cannot be read.
+    ``corners`` are vertex indices of all polygons in a row, ``sizes`` how many of them each polygon has.
     """
-    vertices: list[list[float]] = []
-    polygons: list[Polygon] = []
-    text = data.decode("utf-8", "replace").replace("\\\r\n", "  ").replace("\\\n", " ")
-    for number, line in enumerate(text.split("\n"), 1):
-        words = line.split()
-        if not words:
-            continue
-        try:
-            if words[0] == "v":
-                x, y, z = words[1:4]
-                vertices.append([float(x), float(y), float(z)])
-            elif words[0] in ("f", "fo") and len(words) > 3:
-                corners = [int(word.partition("/")[0]) for word in words[1:]]
-                if 0 in corners:
-                    raise ValueError("vertices count from 1")
-                polygons.append([c - 1 if c > 0 else len(vertices) + c for c in corners])
-        except ValueError:
-            raise ValueError(f"line {number} is not valid: {line.strip()[:60]}") from None
-    return np.array(vertices, dtype=np.float64).reshape(-1, 3), polygons
+
+    bounds: Bounds
+    corners: array.array = field(default_factory=lambda: array.array("q"))
+    sizes: array.array = field(default_factory=lambda: array.array("q"))
+
+    def add(self, corners: list[int]) -> None:
+        """Append one polygon; raises :class:`TooLarge` beyond the limit."""
+        self.corners.extend(corners)
+        self.sizes.append(len(corners))
+        if len(self.corners) - 2 * len(self.sizes) > self.bounds.max_triangles:
+            self.bounds.check(triangles=len(self.corners) - 2 * len(self.sizes))
+
+    def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``corners`` and ``sizes`` as arrays of int64."""
+        return np.array(self.corners, dtype=np.int64), np.array(self.sizes, dtype=np.int64)
 
 
-def parse_off(data: bytes) -> tuple[np.ndarray, list[Polygon]]:
-    """Return vertices (V, 3) and polygons of a text OFF file, with or without normals, colours and comments.
+@dataclass
+class Points:
+    """Vertices that are read one by one into a flat array of doubles."""
 
-    Raises ``ValueError`` for anything else; some collections write the counts right behind the keyword.
-    """
-    text = re.sub(r"#.*", "", data.decode("utf-8", "replace")).strip()
-    keyword = re.match(r"(ST)?(C)?(N)?OFF", text)
-    if keyword is None:
-        raise ValueError("it does not begin with OFF")
-    rows = [row.split() for row in text[keyword.end() :].splitlines() if row.strip()]
-    if not rows or len(rows[0]) < 2:
-        raise ValueError("the numbers of vertices and faces are missing")
-    count, faces = int(rows[0][0]), int(rows[0][1])
-    if min(count, faces) < 0 or len(rows) < 1 + count + faces:
-        raise ValueError(f"it announces {count} vertices and {faces} faces and has {len(rows) - 1} lines")
-    vertices = np.array([row[:3] for row in rows[1 : 1 + count]], dtype=np.float64).reshape(-1, 3)
-    polygons = []
-    for row in rows[1 + count : 1 + count + faces]:
-        corners = [int(word) for word in row[1 : 1 + int(row[0])]]
-        if len(corners) != int(row[0]):
-            raise ValueError(f"a face is cut short: {' '.join(row)[:60]}")
-        if len(corners) >= 3:
-            polygons.append(corners)
-    return vertices, polygons
+    bounds: Bounds
+    values: array.array = field(default_factory=lambda: array.array("d"))
+
+    def __len__(self) -> int:
+        return len(self.values) // 3
+
+    def add(self, x: float, y: float, z: float) -> None:
+        """Append one vertex; raises :class:`TooLarge` beyond the limit."""
+        self.values.extend((x, y, z))
+        if len(self.values) > 3 * self.bounds.max_vertices:
+            self.bounds.check(vertices=len(self))
+
+    def array(self) -> np.ndarray:
+        """Return the vertices (V, 3) float64."""
+        return np.array(self.values, dtype=np.float64).reshape(-1, 3)
 
 
-def triangulate(vertices: np.ndarray, polygons: list[Polygon]) -> np.ndarray:
-    """Cut polygons into triangles (F, 3) that keep their orientation and do not leave a concave outline.
+def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Cut polygons into triangles (F, 3) that keep their order and orientation and do not leave a concave outline.
 
+    ``corners`` are the indices of all polygons in a row, ``sizes`` (P,) how many each has, at least three.
     Polygons with a corner out of range become fans as they are, for the caller to report.
     """
-    triangles: list[Polygon] = []
-    for polygon in polygons:
-        if len(polygon) == 3:
-            triangles.append(polygon)
-        else:
-            triangles.extend(_cut(vertices, polygon))
-    return np.array(triangles, dtype=np.int64).reshape(-1, 3)
+    if (sizes == 3).all():
+        return corners.reshape(-1, 3)
+    begin = np.cumsum(sizes) - sizes
+    goal = np.cumsum(sizes - 2) - (sizes - 2)
+    triangles = np.empty((int((sizes - 2).sum()), 3), dtype=np.int64)
+    for size in np.unique(sizes):
+        which = np.flatnonzero(sizes == size)
+        for some in np.array_split(which, len(which) * size // _AT_ONCE + 1):
+            loops = corners[begin[some][:, None] + np.arange(size)]
+            triangles[goal[some][:, None] + np.arange(size - 2)] = _cut(vertices, loops)
+    return triangles
 
 
-def _fan(polygon: Polygon) -> list[Polygon]:
-    return [[polygon[0], a, b] for a, b in pairwise(polygon[1:])]
+def _fans(loops: np.ndarray) -> np.ndarray:
+    """Return the triangles (P, n - 2, 3) from each loop's first corner; ``loops`` (P, n)."""
+    first = np.broadcast_to(loops[:, :1], (len(loops), loops.shape[1] - 2))
+    return np.stack([first, loops[:, 1:-1], loops[:, 2:]], axis=2)
 
 
-def _cut(vertices: np.ndarray, polygon: Polygon) -> list[Polygon]:
-    if min(polygon) < 0 or max(polygon) >= len(vertices):
-        return _fan(polygon)
-    points = vertices[polygon] - vertices[polygon[0]]
-    following = np.roll(points, -1, axis=0)
-    normal = np.cross(points, following).sum(axis=0)  # Newell: twice the area vector
-    length = np.linalg.norm(normal)
-    if not 0 < length < np.inf:
-        return _fan(polygon)
-    turns = np.cross(points - np.roll(points, 1, axis=0), following - points) @ normal
-    reflex = np.flatnonzero(turns < 0)
-    if len(reflex) == 0:
-        return _fan(polygon)
-    if len(polygon) == 4:  # the cut of a concave quadrilateral begins at its inward corner
-        return _fan(polygon[reflex[0] :] + polygon[: reflex[0]])
-    return _ears(points, normal / length, polygon)
+def _turns(vertices: np.ndarray, loops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return each loop's area vector (P, 3), twice its area long, and how each corner turns about it (P, n)."""
+    points = vertices[loops] - vertices[loops[:, :1]]
+    following = np.roll(points, -1, axis=1)
+    normal = np.cross(points, following).sum(axis=1)  # Newell
+    bends = np.cross(points - np.roll(points, 1, axis=1), following - points)
+    return normal, np.einsum("pni,pi->pn", bends, normal)
 
 
-def _ears(points: np.ndarray, normal: np.ndarray, polygon: Polygon) -> list[Polygon]:
+def _cut(vertices: np.ndarray, loops: np.ndarray) -> np.ndarray:
+    """Return the triangles (P, n - 2, 3) of loops (P, n) that have the same number of corners."""
+    fans = _fans(loops)
+    known = np.flatnonzero(((loops >= 0) & (loops < len(vertices))).all(axis=1))
+    if loops.shape[1] == 3 or not len(known):
+        return fans
+    normal, turns = _turns(vertices, loops[known])
+    concave = np.flatnonzero((turns < 0).any(axis=1))
+    if loops.shape[1] == 4:  # the cut of a concave quadrilateral begins at its inward corner
+        start = np.argmax(turns[concave] < 0, axis=1)[:, None]
+        rows = known[concave]
+        fans[rows] = _fans(np.take_along_axis(loops[rows], (start + np.arange(4)) % 4, axis=1))
+        return fans
+    for row in concave:
+        loop, length = loops[known[row]], np.linalg.norm(normal[row])
+        if 0 < length < np.inf:
+            fans[known[row]] = _ears(vertices[loop] - vertices[loop[0]], normal[row] / length, loop)
+    return fans
+
+
+def _ears(points: np.ndarray, normal: np.ndarray, loop: np.ndarray) -> np.ndarray:
     """Cut a concave polygon in the plane of its area vector."""
     import manifold3d
 
+    if len(loop) > _MAX_CONCAVE:
+        raise ValueError(
+            f"a face has {len(loop)} corners and turns inwards; more than {_MAX_CONCAVE} are not cut"
+        )
     across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across /= np.linalg.norm(across)
     flat = points @ np.stack([across, np.cross(normal, across)], axis=1)
-    cut = np.asarray(manifold3d.triangulate([flat]))
-    if len(cut) != len(polygon) - 2:
-        return _fan(polygon)
-    return np.array(polygon)[cut].tolist()
+    cut = np.asarray(manifold3d.triangulate([flat])).reshape(-1, 3)
+    if len(cut) != len(loop) - 2:
+        return _fans(loop[None])[0]
+    return loop[cut]

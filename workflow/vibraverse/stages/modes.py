@@ -18,9 +18,13 @@ _UNITS = {
 }
 
 
-def object_size_m(options: Modes, clean_record: dict) -> float:
-    """Return the longest side in metres: as configured, else as the source states, else the default."""
-    return options.size_m or clean_record.get("size_m") or options.default_size_m
+def object_size(options: Modes, clean_record: dict) -> tuple[float, str]:
+    """Return the longest side in metres and who says so: as configured, else as the source states, else the default."""
+    if options.size_m:
+        return options.size_m, options.size_origin or "configuration"
+    if clean_record.get("size_m"):
+        return clean_record["size_m"], clean_record.get("size_origin") or "source"
+    return options.default_size_m, "default"
 
 
 def run(job: Job) -> None:
@@ -30,7 +34,7 @@ def run(job: Job) -> None:
     from vibraverse.physics.modes import solve_material
     from vibraverse.stages.basis import read_basis
 
-    size_m = object_size_m(job.options, read_json(job.inputs["clean_record"]))
+    size_m, size_origin = object_size(job.options, read_json(job.inputs["clean_record"]))
     scale_m = size_m / NORMALISED_SIDE
     with h5py.File(job.inputs["basis"]) as h5:
         basis = read_basis(h5)
@@ -38,6 +42,7 @@ def run(job: Job) -> None:
         h5.attrs["object"] = job.object
         h5.attrs["solidity"] = job.solidity
         h5.attrs["size_m"] = size_m
+        h5.attrs["size_origin"] = size_origin
         h5.attrs["scale_m"] = scale_m
         h5.attrs["volume_m3"] = basis.volume * scale_m**3
         write_provenance(h5, job.provenance())

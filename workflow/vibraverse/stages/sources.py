@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 
 from vibraverse.config.sources import SourceEntry
@@ -11,17 +12,17 @@ from vibraverse.stage import Job, Stage
 
 def run(job: Job) -> None:
     """Take the mesh from its origin; a mesh that cannot be parsed is refused by ``clean``, not here."""
-    data, record = _ORIGINS[job.options.origin](job)
-    job.outputs["mesh"].write_bytes(data)
+    record = _ORIGINS[job.options.origin](job)
     job.write_record({"object": job.object, "origin": job.options.origin, **record})
 
 
-def _generated(job: Job) -> tuple[bytes, dict]:
-    from vibraverse.meshfiles import ply_bytes
+def _generated(job: Job) -> dict:
+    from vibraverse.meshfiles import write_ply
     from vibraverse.sources.families import generate
 
     made = generate(job.object)
-    return ply_bytes(made.vertices, made.faces), {
+    write_ply(job.outputs["mesh"], made.vertices, made.faces)
+    return {
         "format": "ply",
         "file": f"{job.object}.ply",
         "title": made.title,
@@ -29,13 +30,14 @@ def _generated(job: Job) -> tuple[bytes, dict]:
         "licence": "CC0-1.0",
         "attribution": None,
         "size_m": made.size_m,
+        "size_origin": "generated",
         "unit_m": 1.0,
         "family": made.family,
         "parameters": made.parameters,
     }
 
 
-def _bundled(job: Job) -> tuple[bytes, dict]:
+def _bundled(job: Job) -> dict:
     from vibraverse.sources.bundled import BUNDLED, locate
 
     about = BUNDLED.get(job.object)
@@ -43,7 +45,8 @@ def _bundled(job: Job) -> tuple[bytes, dict]:
         raise Refused(
             "unavailable", f"There is no bundled mesh {job.object}.", f"There are: {', '.join(BUNDLED)}."
         )
-    return locate(job.object).read_bytes(), {
+    shutil.copyfile(locate(job.object), job.outputs["mesh"])
+    return {
         "format": "ply",
         "file": about.file,
         "title": about.title,
@@ -51,38 +54,41 @@ def _bundled(job: Job) -> tuple[bytes, dict]:
         "licence": about.licence,
         "attribution": about.attribution,
         "size_m": about.size_m,
+        "size_origin": "bundled",
         "unit_m": None,
         "parameters": None,
     }
 
 
-def _files(job: Job) -> tuple[bytes, dict]:
+def _files(job: Job) -> dict:
     from vibraverse.sources.files import as_one_file
 
     path: Path | None = job.inputs.get("file")
     if path is None:
         raise Refused("unavailable", "No mesh file is given.", "Name it with --file.")
-    data, format, unit_m = as_one_file(path)
-    return data, {
+    format, unit_m = as_one_file(path, job.outputs["mesh"])
+    return {
         "format": format,
         "file": path.name,
         "title": path.stem,
-        "category": None,
+        "category": job.options.category,
         "licence": job.options.licence,
         "attribution": None,
         "size_m": None,
+        "size_origin": None if unit_m is None else "file",
         "unit_m": unit_m,
         "parameters": None,
     }
 
 
-def _objaverse(job: Job) -> tuple[bytes, dict]:
+def _objaverse(job: Job) -> dict:
     from vibraverse.sources.objaverse import fetch
 
     if not job.options.uid:
         raise Refused("unavailable", "No Objaverse UID is given.", "Name it in the option uid.")
     model = fetch(job.options.uid, job.options.cache)
-    return model.path.read_bytes(), {
+    shutil.copyfile(model.path, job.outputs["mesh"])
+    return {
         "format": "glb",
         "file": model.path.name,
         "title": model.title,
@@ -90,6 +96,7 @@ def _objaverse(job: Job) -> tuple[bytes, dict]:
         "licence": model.licence,
         "attribution": model.attribution,
         "size_m": None,
+        "size_origin": None,
         "unit_m": None,  # uploads come in any scale, whatever the format says
         "parameters": None,
     }

@@ -1,0 +1,189 @@
+"""Manifests: a table of mesh files, one object per row, with what is known about each.
+
+Snakemake reads the catalogue every time it starts, so a manifest of 50,000 rows takes about a second and no library
+beyond the language's own.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+import os
+import stat
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from vibraverse.sources.files import NoMeshes, is_mesh, known_formats, slug
+
+#: Column -> what it holds.
+COLUMNS = {
+    "path": "the mesh file, relative to the manifest",
+    "id": "the object's id; default: the path without its extension, as of a file in a folder",
+    "size_m": "longest side in metres",
+    "category": "what kind of thing it is",
+    "licence": "its licence",
+}
+
+_EXTENSIONS = (".csv", ".tsv")
+_SHOWN = 10
+
+
+@dataclass(frozen=True)
+class Row:
+    """One object of a manifest; what a row leaves empty is None."""
+
+    object: str
+    path: Path
+    size_m: float | None = None
+    category: str | None = None
+    licence: str | None = None
+
+
+def is_manifest(path: str) -> bool:
+    """Return whether a path names a manifest, by its extension."""
+    return path.lower().endswith(_EXTENSIONS)
+
+
+def read_manifest(path: str) -> list[Row]:
+    """Return the rows of a manifest in their order.
+
+    The first line names the columns; commas, semicolons or tabs separate them. Raises :class:`NoMeshes` that lists
+    every mistake with its line and column.
+    """
+    manifest = Path(path).expanduser()
+    header, lines = _table(manifest)
+    columns = _columns(manifest, header)
+    mistakes: list[str] = []
+    rows: list[Row] = []
+    seen: dict[str, int] = {}
+    for line, cells in lines:
+        if len(cells) > len(header):
+            mistakes.append(
+                f"line {line}: {len(cells)} cells for {len(header)} columns; "
+                "put quotes around a cell that holds a separator"
+            )
+            continue
+        values = {name: cells[at].strip() if at < len(cells) else "" for name, at in columns.items()}
+        wrong = [f"line {line}, column {column}: {what}" for column, what in _row_mistakes(manifest, values)]
+        if wrong:
+            mistakes += wrong
+            continue
+        object_ = values.get("id") or slug("-".join(Path(values["path"]).with_suffix("").parts))
+        if object_ in seen:
+            mistakes.append(
+                f"line {line}, column id: the id {object_!r} is that of line {seen[object_]} already; "
+                "give one of them another in the column id"
+            )
+            continue
+        seen[object_] = line
+        size_m = float(values["size_m"]) if values.get("size_m") else None
+        file = manifest.parent / values["path"]
+        rows.append(Row(object_, file, size_m, values.get("category") or None, values.get("licence") or None))
+    if mistakes:
+        raise NoMeshes(_listed(path, mistakes))
+    if not rows:
+        raise NoMeshes(f"the manifest {path} lists no meshes")
+    return rows
+
+
+def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
+    """Return the cells of the first line, and of every further line that is not empty with its number."""
+    try:
+        if not stat.S_ISREG(manifest.stat().st_mode):
+            raise NoMeshes(f"the manifest {manifest} is not a file")
+        text = manifest.read_bytes().decode("utf-8-sig")
+    except OSError as error:
+        raise NoMeshes(f"the manifest {manifest} cannot be read ({error.strerror})") from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise NoMeshes(f"the manifest {manifest}, line {line}: not UTF-8; save it as CSV in UTF-8") from None
+    first = text.partition("\n")[0]
+    separator = max(",;\t", key=first.count)
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
+
+    def lines() -> Iterator[tuple[int, list[str]]]:
+        try:
+            for cells in reader:
+                if any(cell.strip() for cell in cells):
+                    yield reader.line_num, cells
+        except csv.Error as error:
+            raise NoMeshes(
+                f"the manifest {manifest}, line {reader.line_num}: {error}; is a quotation mark left open?"
+            ) from None
+
+    rows = lines()
+    _, header = next(rows, (0, []))
+    return [cell.strip() for cell in header], rows
+
+
+def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
+    """Return where each column stands; raises :class:`NoMeshes` for names that are unknown, doubled or missing."""
+    from vibraverse.config import unknown
+
+    columns: dict[str, int] = {}
+    mistakes = []
+    for at, name in enumerate(header):
+        name = name.lower()
+        if name not in COLUMNS:
+            mistakes.append(f"line 1, column {at + 1}: {unknown('column', name, COLUMNS)}")
+        elif name in columns:
+            mistakes.append(f"line 1, column {at + 1}: the column {name} is there twice")
+        columns[name] = at
+    if "path" not in columns:
+        mistakes.append(f"line 1: the column path is missing (known columns: {', '.join(COLUMNS)})")
+    if mistakes:
+        raise NoMeshes(_listed(str(manifest), mistakes))
+    return columns
+
+
+def _row_mistakes(manifest: Path, values: dict[str, str]) -> Iterator[tuple[str, str]]:
+    """Yield the column and the sentence of everything that is wrong with one row."""
+    path = values["path"]
+    if not path:
+        yield "path", "no file is named"
+    elif not path.isprintable():
+        yield "path", f"{path!r} holds characters that cannot be printed"
+    elif not is_mesh(os.path.basename(path)):
+        yield "path", f"{path} is not a mesh in a known format ({known_formats()})"
+    else:
+        wrong = _file_mistake(str(manifest.parent / path))
+        if wrong:
+            hint = "; write / between folders" if "\\" in path else ""
+            yield "path", f"{path} {wrong}{hint}"
+    object_ = values.get("id")
+    if object_ and slug(object_) != object_:
+        yield (
+            "id",
+            f"{object_!r} is not an id of lower-case letters, digits, - and _; {slug(object_)!r} would be",
+        )
+    size = values.get("size_m")
+    if size and not _is_size(size):
+        hint = "; write a decimal point" if _is_size(size.replace(",", ".")) else ""
+        yield "size_m", f"{size!r} is not a positive number of metres{hint}"
+
+
+def _file_mistake(path: str) -> str:
+    try:
+        mode = os.stat(path).st_mode
+    except OSError:
+        return "does not exist"
+    return "" if stat.S_ISREG(mode) else "is not a file"
+
+
+def _is_size(text: str) -> bool:
+    try:
+        return 0 < float(text) < math.inf
+    except ValueError:
+        return False
+
+
+def _listed(path: str, mistakes: list[str]) -> str:
+    """Return one mistake as a sentence, and several as a list."""
+    if len(mistakes) == 1:
+        return f"the manifest {path}, {mistakes[0]}"
+    shown = [f"  {mistake}" for mistake in mistakes[:_SHOWN]]
+    if len(mistakes) > _SHOWN:
+        shown.append(f"  and {len(mistakes) - _SHOWN} more")
+    return "\n".join([f"the manifest {path} has {len(mistakes)} mistakes:", *shown])
