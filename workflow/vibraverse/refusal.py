@@ -78,7 +78,7 @@ def read_refusal(path: str | Path) -> Refusal | None:
     try:
         with open(path, "rb") as file:
             head = file.read(_MAX_BYTES)
-    except (FileNotFoundError, IsADirectoryError):
+    except (FileNotFoundError, IsADirectoryError, PermissionError):
         return None
     if not head.startswith(_MARK.encode()):
         return None
