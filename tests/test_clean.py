@@ -97,7 +97,7 @@ def test_triangles_that_cut_each_other_are_replaced():
     body = clean(dented, faces)
     check_normalised(body)
     assert body.rung == "unite"
-    assert body.repairs == ["resolved where it cuts itself"]
+    assert body.repairs == ["resolved 10 triangles that cut or touch each other"]
     # The tip that reached through, inside out, is gone; the dent stays.
     assert surfaces.volume(body.vertices, body.faces) == pytest.approx(
         surfaces.volume(dented, faces), rel=0.01
@@ -115,6 +115,57 @@ def test_parts_that_touch_nothing_are_dropped_and_named():
     # 0.5³ of 0.5³ + 1.8³
     assert body.dropped_share == pytest.approx(0.125 / (0.125 + 5.832))
     assert body.deviation.hausdorff < 1e-9  # what was dropped is not missed
+
+
+def test_bodies_apart_that_hold_more_than_may_be_dropped_are_refused():
+    boxes = [shapes.box(), shapes.box(centre=(4, 0, 0)), shapes.box(centre=(0, 4, 0))]
+    with pytest.raises(Refused) as refused:
+        clean(*shapes.together(*boxes))
+    assert refused.value.reason == "separate_bodies"
+    assert "largest: 2 further bodies with 66.7 % of the volume" in refused.value.message
+    assert "at most 50 % may be dropped" in refused.value.message
+    assert "clean.max_dropped" in refused.value.advice
+    assert clean(*shapes.together(*boxes), max_dropped=0.7).dropped_parts == 2
+    assert clean(*shapes.together(*boxes[:2])).dropped_share == pytest.approx(0.5)
+
+
+def test_a_cavity_in_the_source_is_filled_and_said():
+    body = clean(*shapes.hollow_ball())
+    assert (body.rung, body.filled_cavities) == ("unite", 1)
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(
+        surfaces.volume(*shapes.ball(subdivisions=3))
+    )
+    # A body inside a body is none.
+    nested = clean(*shapes.together(shapes.ball(subdivisions=3), shapes.ball(0.5, 3)))
+    assert (nested.rung, nested.filled_cavities) == ("unite", 0)
+
+
+def test_an_open_sheet_is_thickened_when_asked():
+    vertices, faces = shapes.sheet()
+    flat = vertices * [1, 1, 0]
+    body = clean(flat, faces, open_sheets="thicken", sheet_thickness=0.05)
+    check_normalised(body)
+    assert body.rung == "thicken"
+    assert body.repairs == ["thickened 1 sheet to 5 % of the longest side"]
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(1.8**3 * 0.05)
+    body = clean(vertices, faces, open_sheets="thicken")
+    check_normalised(body)
+    assert body.ladder[-1] == {"rung": "wrap", "failed": "a wrap around it has nothing inside"}
+    share = surfaces.area((vertices - body.centre) * body.scale, faces) * 1.8 * 0.02
+    assert surfaces.volume(body.vertices, body.faces) == pytest.approx(share, rel=0.02)
+    # Half the thickness, by the diagonal.
+    assert body.deviation.hausdorff == pytest.approx(0.01 * 1.8 / np.linalg.norm([1.8, 1.8, 0.4]), rel=0.05)
+
+
+def test_a_closed_surface_says_how_its_volume_and_area_changed():
+    vertices, faces = shapes.ball(subdivisions=3)
+    inside = shapes.box((0.4, 0.4, 0.4), centre=(0.9, 0, 0))
+    body = clean(*shapes.together((vertices, faces), inside))
+    ball, box = surfaces.volume(vertices, faces), 0.064
+    united = surfaces.volume(body.vertices, body.faces) / body.scale**3
+    assert body.volume_change == pytest.approx(united / (ball + box) - 1)
+    # A little less than half of the box is inside, since the ball bends away.
+    assert body.volume_change == pytest.approx(-0.46 * box / (ball + box), rel=0.02)
 
 
 @pytest.mark.parametrize(("name", "volume"), [("airplane.ply", 0.0444), ("ant.ply", 0.0832)])
@@ -166,6 +217,9 @@ def test_what_bounds_no_volume_is_refused(mesh, reason):
         clean(*mesh)
     assert refused.value.reason == reason
     assert refused.value.advice
+    if reason == "not_a_solid":
+        assert refused.value.message.startswith("The mesh is an open sheet: ")
+        assert "clean.open_sheets" in refused.value.advice
 
 
 def test_a_mesh_beyond_the_limit_is_refused():
@@ -242,6 +296,10 @@ def test_the_stage_writes_the_surface_and_what_was_done(run):
     assert said["scale"] == pytest.approx(1.8 / 40)
     assert said["volume"] == pytest.approx(surfaces.volume(points, triangles))
     assert said["genus"] == 0
+    assert said["ladder"] == []
+    assert said["dropped"] == {"parts": 0, "volume_share": 0.0}
+    assert (said["filled_cavities"], said["volume_change"], said["area_change"]) == (0, 0.0, 0.0)
+    assert said["deviation"]["hausdorff"] == 0.0
     again = run(meshfiles.ply_bytes(vertices, faces), "again", unit_m=0.01, size_m=None)
     assert surface.read_bytes() == again[2].read_bytes()
     assert record.read_bytes() == again[3].read_bytes()

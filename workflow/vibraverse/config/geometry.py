@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field, PositiveFloat, PositiveInt, field_validator
 
 from vibraverse.config.base import Section
@@ -22,6 +24,15 @@ class Clean(Section):
 
     max_triangles: PositiveInt = 2_000_000
     """A larger mesh is refused."""
+
+    max_dropped: float = Field(0.5, ge=0, lt=1)
+    """Of bodies that lie apart the largest is kept; when the others hold more of the volume, the object is refused."""
+
+    open_sheets: Literal["refuse", "thicken"] = "refuse"
+    """What to do with a surface that encloses nothing, such as a cloth or a terrain."""
+
+    sheet_thickness: float = Field(0.02, ge=0.005, le=0.2)
+    """Thickness of a thickened sheet, as a share of its longest side."""
 
     limits: Limits = Limits()
     """Limits of the repair."""

@@ -67,9 +67,9 @@ def clean(
     """Return the surface of the one solid body that a soup of triangles describes.
 
     ``vertices`` (V, 3) finite, ``faces`` (F, 3). Of bodies that lie apart the largest is kept when the others hold at
-    most ``max_dropped`` of the volume. ``open_sheets`` is ``"refuse"`` or ``"thicken"``, to ``sheet_thickness`` times the
-    longest side. Raises :class:`Refused` with reason ``too_large``, ``empty``, ``not_a_solid``, ``separate_bodies`` or
-    ``not_repairable``.
+    most ``max_dropped`` of the volume. ``open_sheets`` is ``"refuse"`` or ``"thicken"``, to ``sheet_thickness`` times
+    the longest side. Raises :class:`Refused` with reason ``too_large``, ``empty``, ``not_a_solid``,
+    ``separate_bodies`` or ``not_repairable``.
     """
     if len(faces) > max_triangles:
         raise Refused(
@@ -113,7 +113,9 @@ def _climbed(soup: repair.Mesh, max_dropped: float, open_sheets: str, thickness:
     """Climb the ladder; an open sheet is refused or climbs the one for sheets."""
     failed: list[dict[str, str]] = []
     try:
-        _require_extent(soup[0])
+        if _is_flat(soup[0]):
+            failed.append({"rung": RUNGS[0][0], "failed": "no volume"})
+            raise Sheet("all its points lie in one plane")
         return climb(RUNGS, soup, failed, max_dropped=max_dropped)
     except Sheet as sheet:
         if open_sheets != "thicken":
@@ -139,14 +141,13 @@ def _frame(vertices: np.ndarray) -> tuple[np.ndarray, float]:
     return (low + high) / 2, LONGEST_SIDE / float((high - low).max())
 
 
-def _require_extent(vertices: np.ndarray) -> None:
-    """Raise where all points lie on one line (:class:`Refused`) or in one plane (:class:`Sheet`)."""
+def _is_flat(vertices: np.ndarray) -> bool:
+    """Return whether all points lie in one plane; refuse those that lie on one line."""
     centred = vertices - vertices.mean(axis=0)
     extents = np.linalg.svd(centred.T @ centred, compute_uv=False) ** 0.5
     if extents[1] < _PLANE * extents[0]:
         raise Refused("not_a_solid", "All points of the mesh lie on one line.", "Export the mesh again.")
-    if extents[2] < _PLANE * extents[0]:
-        raise Sheet("all its points lie in one plane")
+    return bool(extents[2] < _PLANE * extents[0])
 
 
 def _thin_out(vertices: np.ndarray, faces: np.ndarray) -> tuple[repair.Mesh, list[str]]:

@@ -23,28 +23,30 @@ Mesh = tuple[np.ndarray, np.ndarray]
 _SPACING, _SAMPLES = 0.01, 40_000
 #: What is farther from the other surface than this share of the diagonal was swallowed, or invented.
 _FAR = 0.01
+#: What is closer lies on it.
+_ON = 1e-9
 
 
 @dataclass(frozen=True)
 class Deviation:
     """How a body's surface differs from the mesh it was made of; distances are shares of the body's diagonal.
 
-    What lies inside the body, deeper than 1 % of the diagonal, was swallowed, not lost: nobody sees it, and it counts
-    in no distance.
+    From the source distances are to the body, of which the inside is a part: what lies inside was swallowed, not lost,
+    and nobody sees it. From the body they are those of its surface.
     """
 
     source_to_body: float
-    """Largest distance to the body from any point of the source that is not swallowed: what was lost."""
+    """Largest distance to the body from any point of the source: what was lost."""
     body_to_source: float
     """Largest distance to the source from any point of the body: what was invented."""
     hausdorff: float
     """The larger of the two."""
     mean_source_to_body: float
-    """Mean over the area of the source that is not swallowed."""
+    """Mean over the area of the source."""
     mean_body_to_source: float
     """Mean over the area of the body."""
     swallowed: float
-    """Share of the source's area that is swallowed."""
+    """Share of the source's area that is inside the body, deeper than 1 % of the diagonal."""
     invented: float
     """Share of the body's area farther from the source than 1 % of the diagonal."""
     sampling_error: float
@@ -63,21 +65,22 @@ def deviation(source: Mesh, body: Mesh, dropped: list[Mesh]) -> Deviation:
     for part in dropped:
         stays = to_body <= ClosestPoint(*part).distance(there)
         there, weights, to_body = there[stays], weights[stays], to_body[stays]
-    far = np.flatnonzero(to_body > _FAR * diagonal)
-    swallowed = np.zeros(len(there), dtype=bool)
-    swallowed[far] = contains(*body, there[far])
+    off = np.flatnonzero(to_body > _ON * diagonal)
+    inside = off[contains(*body, there[off])]
+    swallowed = float(weights[inside] @ (to_body[inside] > _FAR * diagonal))
+    to_body[inside] = 0.0
     here, areas, own_spacing = samples(*body, _SPACING * diagonal)
     to_source = ClosestPoint(*source).distance(here)
-    seen = np.where(swallowed, 0.0, weights)
-    lost = float(to_body[~swallowed].max(initial=0.0)) / diagonal
+    total = max(float(weights.sum()), 1e-300)
+    lost = float(to_body.max(initial=0.0)) / diagonal
     made = float(to_source.max()) / diagonal
     return Deviation(
         source_to_body=lost,
         body_to_source=made,
         hausdorff=max(lost, made),
-        mean_source_to_body=float(seen @ to_body / max(seen.sum(), 1e-300)) / diagonal,
+        mean_source_to_body=float(weights @ to_body) / total / diagonal,
         mean_body_to_source=float(areas @ to_source / areas.sum()) / diagonal,
-        swallowed=float(1 - seen.sum() / max(weights.sum(), 1e-300)),
+        swallowed=swallowed / total,
         invented=float(areas @ (to_source > _FAR * diagonal) / areas.sum()),
         sampling_error=2 / 3 * max(spacing, own_spacing) / diagonal,
     )

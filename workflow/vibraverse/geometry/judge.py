@@ -65,7 +65,7 @@ def counted(count: int, what: str) -> str:
     """Return ``1 open edge`` or ``2 open edges``; the first noun takes the plural."""
     if count == 1:
         return f"1 {what}"
-    nouns = ("edge", "point", "part", "triangle", "cavity", "piece", "hole", "body")
+    nouns = ("edge", "point", "part", "triangle", "cavity", "piece", "hole", "body", "sheet")
     noun = next(word for word in what.split() if word in nouns)
     plural = noun[:-1] + "ies" if noun.endswith("y") else noun + "s"
     return f"{count} {what.replace(noun, plural, 1)}"

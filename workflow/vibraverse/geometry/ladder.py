@@ -11,10 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry import LONGEST_SIDE, repair, surfaces
 from vibraverse.geometry.boxes import contains
+from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.deviation import Deviation, deviation
-from vibraverse.geometry.judge import Scattered, Sheet, Unfit, counted, judge
+from vibraverse.geometry.judge import Scattered, Sheet, Unfit, counted, judge, without_area
 from vibraverse.geometry.repair import Mesh
 from vibraverse.geometry.sheets import thicken
 from vibraverse.geometry.wrapping import draw_in
@@ -74,9 +75,11 @@ def climb(
 ) -> Climb:
     """Return the first rung's result that is a solid like the soup; ``options`` are those of :class:`Attempt`.
 
-    Failures are appended to ``failed`` as ``{"rung": …, "failed": …}``. Raises :class:`Refused` when no rung is left, and
-    :class:`Sheet` as soon as one finds that there is nothing inside.
+    Failures are appended to ``failed`` as ``{"rung": …, "failed": …}``. Raises :class:`Refused` when no rung is left,
+    and :class:`Sheet` as soon as one finds that there is nothing inside.
     """
+    from pymeshlab import PyMeshLabException
+
     last = Unfit("there is no repair to try")
     for name, rung in rungs:
         attempt = Attempt(**options)
@@ -84,13 +87,16 @@ def climb(
             body = rung(*soup, attempt)
             judge(*body)
             away = None if rung is as_it_is else _compare(soup, body, attempt, rung)
+        except PyMeshLabException as error:
+            last = Unfit(f"MeshLab: {str(error).splitlines()[-1].strip()}")
+        except Sheet as sheet:
+            failed.append({"rung": name, "failed": str(sheet)})
+            raise
         except Unfit as unfit:
-            failed.append({"rung": name, "failed": str(unfit)})
-            if isinstance(unfit, Sheet):
-                raise
             last = unfit
-            continue
-        return Climb(name, body, attempt, away, failed)
+        else:
+            return Climb(name, body, attempt, away, failed)
+        failed.append({"rung": name, "failed": str(last)})
     said = "; ".join(f"{entry['rung']}: {entry['failed']}" for entry in failed)
     raise Refused(last.reason, f"No repair made the surface that of one solid. {said}.", last.advice)
 
@@ -160,6 +166,10 @@ def thickened(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh
         if surfaces.topology(part[1], len(part[0])).disagreeing_edges:
             raise Unfit("a sheet with one side only")
         plates.append(thicken(*part, attempt.thickness))
+    share = f"{100 * attempt.thickness / LONGEST_SIDE:g} % of the longest side"
+    attempt.notes.append(f"thickened {counted(len(plates), 'sheet')} to {share}")
+    if len(plates) == 1 and _is_solid(*plates[0]):
+        return plates[0]
     return _largest(_united(plates, attempt), attempt, attempt.max_dropped)
 
 
@@ -168,6 +178,7 @@ def thickly_wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     offset = 0.5 * attempt.thickness / diagonal
     wrapped = repair.wrap(vertices, faces, max(offset, 0.01), offset)
+    attempt.notes.append(f"wrapped at {50 * attempt.thickness / LONGEST_SIDE:g} % of the longest side")
     return _largest(_components(*wrapped), attempt, attempt.max_dropped)
 
 
@@ -196,9 +207,9 @@ def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> 
         part = points, repair.orient(points, loose)
         turned = bool((part[1] != loose).any(axis=1).mean() > 0.5)
         if surfaces.topology(part[1], len(points)).open_edges:
-            part = repair.flip_caps(*repair.close_holes(*part))
+            part = repair.close_holes(*part)
             closed += 1
-        part = repair.separate(*part, _APART)
+        part = _capless(*repair.separate(*part, _APART))
         found, enclosed = surfaces.topology(part[1], len(part[0])), surfaces.volume(*part)
         if not found.closed_manifold or 2 * abs(enclosed) < _FLAT * surfaces.area(*part):
             flat += 1
@@ -215,6 +226,13 @@ def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> 
         attempt.notes.append(f"left out {counted(flat, 'flat part')}")
     attempt.filled_cavities += _cavities(bodies, inward)
     return bodies
+
+
+def _capless(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    """Return a surface without triangles that have no area, where it is closed."""
+    if not surfaces.topology(faces, len(vertices)).closed_manifold or not without_area(vertices, faces).any():
+        return vertices, faces
+    return repair.flip_caps(vertices, faces)
 
 
 def _cavities(bodies: list[Mesh], inward: list[bool]) -> int:
@@ -241,8 +259,8 @@ def _united(bodies: list[Mesh], attempt: Attempt) -> list[Mesh]:
     pieces = [shell for shell in shells if surfaces.volume(*shell) > 0]
     if len(bodies) > 1:
         attempt.notes.append(f"united {counted(len(bodies), 'part')}, which left {len(pieces)}")
-    else:
-        attempt.notes.append("resolved where it cuts itself")
+    elif crossing := int(crossing_faces(*bodies[0]).sum()):
+        attempt.notes.append(f"resolved {counted(crossing, 'triangle')} that cut or touch each other")
     void = _FLAT * sum(surfaces.volume(*piece) for piece in pieces)
     attempt.filled_cavities += sum(surfaces.volume(*shell) < -void for shell in shells)
     return [_tidied(*piece) for piece in pieces]
@@ -252,10 +270,17 @@ def _tidied(points: np.ndarray, triangles: np.ndarray) -> Mesh:
     """Return a body without the slivers that cutting leaves, where it is a solid without them."""
     try:
         smooth = repair.simplify(points, triangles, _WELD)
-        judge(*smooth)
-    except (Unfit, ValueError):
+    except ValueError:
         return points, triangles
-    return smooth
+    return smooth if _is_solid(*smooth) else (points, triangles)
+
+
+def _is_solid(points: np.ndarray, triangles: np.ndarray) -> bool:
+    try:
+        judge(points, triangles)
+    except Unfit:
+        return False
+    return True
 
 
 def _components(points: np.ndarray, triangles: np.ndarray) -> list[Mesh]:
@@ -283,15 +308,16 @@ def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop
             complaint = unfit
             continue
         enclosed = max(enclosed, inside)
-        body = draw_in(*wrapped, offset * diagonal)
+        body = draw_in(*wrapped, offset * diagonal, (vertices, faces))
         thickness = 2 * surfaces.volume(*body) / surfaces.area(*body)
         trial.notes.insert(0, f"wrapped at {100 * alpha:g} % of the diagonal")
-        best = body, thickness / (offset * diagonal), thickness / diagonal, trial
-    if best is None:
+        if thickness < _SHEET * offset * diagonal:
+            complaint = Sheet("a wrap around it has nothing inside")
+            break
+        best = body, trial
+    if best is None or isinstance(complaint, Sheet):
         raise complaint
-    body, layers, thickness, trial = best
-    if layers < _SHEET:
-        raise Sheet(f"what it encloses is {100 * thickness:.2g} % of the diagonal thick on average")
+    body, trial = best
     attempt.notes += trial.notes
     attempt.dropped, attempt.dropped_share = trial.dropped, trial.dropped_share
     return body

@@ -118,7 +118,10 @@ def close_holes(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
 
 
 def flip_caps(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Turn the longest edge of every triangle without area, so that its third point splits the neighbour there."""
+    """Turn the longest edge of every triangle without area, so that its third point splits the neighbour there.
+
+    The surface is manifold.
+    """
     session = _meshlab(vertices, faces)
     session.meshing_remove_t_vertices(method="Edge Flip", threshold=_CAP, repeat=True)
     return _arrays(session)

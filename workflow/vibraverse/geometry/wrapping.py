@@ -10,30 +10,45 @@ from __future__ import annotations
 import numpy as np
 
 from vibraverse.geometry import surfaces
+from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.remesh import move
 from vibraverse.geometry.sight import LineOfSight
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
-#: How often a wrap is drawn in again after leaving out where it would cut itself.
-_DRAW_ROUNDS = 8
+#: A wrap moves back in at most so many steps; each is left out where the wrap would cut itself.
+_STEPS = 8
+#: Vertices farther from the soup than this many distances span a gap and move along their normals.
+_SPANNING = 1.2
+#: Moving ends when nothing moves by more than this share of the distance.
+_STILL = 0.02
 
 
-def draw_in(points: np.ndarray, triangles: np.ndarray, distance: float) -> Mesh:
-    """Return a wrap moved back by its ``distance`` from the soup, where the body is thick enough for it.
+def draw_in(points: np.ndarray, triangles: np.ndarray, distance: float, soup: Mesh) -> Mesh:
+    """Return a wrap moved back by its ``distance`` onto the soup, where the body is thick enough for it.
 
     What is thinner than twice the distance stays that thick, so that sheets become plates that can be meshed.
     """
     normals = surfaces.vertex_normals(points, triangles)
     room = 0.5 * _thickness(points, triangles, normals, 6 * distance) - distance
-    step = -np.clip(room, 0.0, distance)[:, None] * normals
-    for _ in range(_DRAW_ROUNDS):
-        drawn = move(points, step, triangles)
+    towards = ClosestPoint(*soup)(points) - points
+    away = np.linalg.norm(towards, axis=1, keepdims=True)
+    spans = away > _SPANNING * distance
+    towards = np.where(spans, -normals, towards / np.maximum(away, 1e-300))
+    wanted = points + np.clip(room, 0.0, distance)[:, None] * towards
+    free = np.ones(len(points), dtype=bool)
+    for _ in range(_STEPS):
+        drawn = move(points, np.where(free[:, None], wanted - points, 0.0), triangles)
         crossing = crossing_faces(drawn, triangles)
-        if not crossing.any():
-            return drawn, triangles
-        step[np.unique(triangles[crossing])] = 0.0
+        while crossing.any():
+            free[triangles[crossing]] = False
+            drawn = np.where(free[:, None], drawn, points)
+            crossing = crossing_faces(drawn, triangles)
+        moved = np.linalg.norm(drawn - points, axis=1).max()
+        points = drawn
+        if moved < _STILL * distance:
+            break
     return points, triangles
 
 

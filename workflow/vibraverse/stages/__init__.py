@@ -4,7 +4,7 @@
 #: inputs: every rule carries its stage's version as a parameter, so Snakemake reruns what depends on it.
 VERSIONS = {
     "sources": 2,
-    "clean": 1,
+    "clean": 2,
     "grids": 2,
     "hollow": 2,
     "tets": 2,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 from vibraverse.config.geometry import Clean
 from vibraverse.stage import Job, Stage
 
@@ -14,13 +16,18 @@ def run(job: Job) -> None:
     from vibraverse.limits import run_limited
 
     source = products.read_json(job.inputs["source_record"])
-    mesh = meshfiles.read_mesh(job.inputs["mesh"], source["format"], source.get("file"))
+    mesh = meshfiles.read_mesh(
+        job.inputs["mesh"], source["format"], source.get("file"), job.options.max_triangles
+    )
     limits = job.options.limits
     body = run_limited(
         clean,
         mesh.vertices,
         mesh.faces,
         job.options.max_triangles,
+        job.options.max_dropped,
+        job.options.open_sheets,
+        job.options.sheet_thickness,
         seconds=limits.seconds,
         memory_mb=limits.memory_mb,
         what="the repair",
@@ -34,7 +41,13 @@ def run(job: Job) -> None:
         {
             "object": job.object,
             "rung": body.rung,
+            "ladder": body.ladder,
             "repairs": body.repairs,
+            "dropped": {"parts": body.dropped_parts, "volume_share": body.dropped_share},
+            "filled_cavities": body.filled_cavities,
+            "deviation": asdict(body.deviation),
+            "volume_change": body.volume_change,
+            "area_change": body.area_change,
             "source_triangles": len(mesh.faces),
             "vertices": len(body.vertices),
             "triangles": len(body.faces),
@@ -42,6 +55,7 @@ def run(job: Job) -> None:
             "scale": body.scale,
             "longest_side": body.longest_side,
             "size_m": size_m,
+            "size_origin": source.get("size_origin"),
             "volume": surfaces.volume(body.vertices, body.faces),
             "area": surfaces.area(body.vertices, body.faces),
             "genus": surfaces.topology(body.faces, len(body.vertices)).genus,
@@ -56,5 +70,5 @@ STAGE = Stage(
     outputs={"surface": "cleaned surface (PLY)", "record": "what was repaired, and the scale (JSON)"},
     run=run,
     options=Clean,
-    libraries=("manifold3d", "numpy", "pymeshlab", "trimesh", "vtk"),
+    libraries=("manifold3d", "numba", "numpy", "pymeshlab", "scipy", "trimesh", "vtk"),
 )

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 from vibraverse.config.physics import Modes
+from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.products import read_json, write_provenance
 from vibraverse.stage import Job, Stage
-
-#: Longest side of the normalised bounding box.
-NORMALISED_SIDE = 1.8
 
 _UNITS = {
     "frequencies_hz": "Hz",
@@ -35,7 +33,7 @@ def run(job: Job) -> None:
     from vibraverse.stages.basis import read_basis
 
     size_m, size_origin = object_size(job.options, read_json(job.inputs["clean_record"]))
-    scale_m = size_m / NORMALISED_SIDE
+    scale_m = size_m / LONGEST_SIDE
     with h5py.File(job.inputs["basis"]) as h5:
         basis = read_basis(h5)
     with h5py.File(job.outputs["modes"], "w") as h5:
