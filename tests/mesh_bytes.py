@@ -1,4 +1,4 @@
-"""Small valid mesh files of every format, written by hand so that each says exactly what is in it."""
+"""Small valid mesh files of every format, each written so that it says exactly what is in it, and folders of them."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import io
 import json
 import struct
 import zipfile
+from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +18,9 @@ SIDES = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]])
 #: The unit cube's corners and its sides as quads; its volume is 1.
 CUBE = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)], dtype=float)
 QUADS = np.array([[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]])
+
+#: The smallest OBJ with a triangle.
+TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
 
 THREEMF = """<?xml version="1.0"?>
 <model unit="{unit}" xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02"><resources>
@@ -160,3 +164,16 @@ SAMPLES: dict[str, tuple[str, bytes]] = {
     "gltf": ("gltf", json.dumps(gltf()).encode()),
     "3mf": ("3mf", threemf()),
 }
+
+
+def make(folder: Path, *names: str) -> None:
+    """Write a triangle under each of these names below a folder."""
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(TRIANGLE)
+
+
+def run_sources(vibraverse, folder: Path, object_: str, options: str = "{}", *more):
+    """Run the stage ``sources`` into a folder; return exit status, output and errors."""
+    outputs = ["--mesh", folder / "source.mesh", "--record", folder / "source.json"]
+    return vibraverse("sources", "--object", object_, "--options", options, *outputs, *more)

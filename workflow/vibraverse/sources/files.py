@@ -53,7 +53,7 @@ def find(path: str) -> dict[str, Path]:
             raise NoMeshes(
                 f"the file {path} is neither a mesh in a known format ({known_formats()}) nor a manifest (CSV, TSV)"
             )
-        return {slug(given.stem): given}
+        return identify([given], given.parent)
     if given.is_dir():
         files = list(_walk(given))
         if not files:
@@ -132,19 +132,24 @@ def is_mesh(name: str) -> bool:
     return not name.startswith(".") and name.lower().endswith(tuple(FORMATS))
 
 
+def wrong_characters(path: str) -> str:
+    """Return what no path of a mesh may hold, as the end of a sentence; nothing for a usable path."""
+    if not path.isprintable():  # logs are lines of UTF-8
+        return "holds characters that cannot be printed"
+    return "holds braces, which Snakemake takes for a wildcard" if "{" in path or "}" in path else ""
+
+
 def identify(files: list[Path], base: Path) -> dict[str, Path]:
     """Return the files by id: the slug of their path below ``base``, joined by ``-``."""
     by_id: dict[str, list[tuple[str, Path]]] = defaultdict(list)
     for file in files:
+        if wrong := wrong_characters(str(file)):
+            raise NoMeshes(f"the file name {str(file)!r} {wrong}; rename it")
         relative = Path(os.path.relpath(file, base))
         by_id[slug("-".join(relative.with_suffix("").parts))].append((relative.as_posix(), file))
     ids: dict[str, Path] = {}
     for object_, found in by_id.items():
         for relative, file in found:
-            if not relative.isprintable():  # logs and rules are text
-                raise NoMeshes(
-                    f"the file name {str(file)!r} holds characters that cannot be printed; rename it"
-                )
             id_ = object_ if len(found) == 1 else f"{object_}-{_short_hash(relative)}"
             if id_ in ids:
                 raise NoMeshes(f"two files have the id {id_!r}: {ids[id_]} and {file}; rename one")
@@ -185,19 +190,23 @@ def _walk(root: Path):
         folder = pending.pop()
         try:
             entries = sorted(os.scandir(folder), key=lambda entry: entry.name)
-        except PermissionError:
+        except OSError:
             continue
         for entry in entries:
             if entry.name.startswith("."):
                 continue
-            if entry.is_dir():
+            try:
+                is_folder, is_file = entry.is_dir(), entry.is_file()
+            except OSError:  # a link to itself
+                continue
+            if is_folder:
                 real = os.path.realpath(entry.path)
                 # A link to a folder inside the tree adds nothing: that folder is met under its own name.
                 inside = entry.is_symlink() and os.path.commonpath([real, top]) == top
                 if real not in seen and not inside:
                     seen.add(real)
                     pending.append(Path(entry.path))
-            elif entry.is_file() and is_mesh(entry.name):
+            elif is_file and is_mesh(entry.name):
                 yield Path(entry.path)
 
 

@@ -15,7 +15,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from vibraverse.sources.files import NoMeshes, is_mesh, known_formats, slug
+from vibraverse.sources.files import NoMeshes, is_mesh, known_formats, slug, wrong_characters
 
 #: Column -> what it holds.
 COLUMNS = {
@@ -143,8 +143,8 @@ def _row_mistakes(manifest: Path, values: dict[str, str]) -> Iterator[tuple[str,
     path = values["path"]
     if not path:
         yield "path", "no file is named"
-    elif not path.isprintable():
-        yield "path", f"{path!r} holds characters that cannot be printed"
+    elif wrong := wrong_characters(str(manifest.parent / path)):
+        yield "path", f"{path!r} {wrong}; rename the file"
     elif not is_mesh(os.path.basename(path)):
         yield "path", f"{path} is not a mesh in a known format ({known_formats()})"
     else:

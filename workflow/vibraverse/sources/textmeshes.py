@@ -141,7 +141,7 @@ def _returns(file: BinaryIO) -> Iterator[bytes]:
     rest = b""
     while len(rest) < _MAX_LINE and (chunk := file.read(1 << 20)):
         *lines, rest = (rest + chunk).split(b"\r")
-        yield from lines
+        yield from (line + b"\n" for line in lines)
     yield rest
 
 
