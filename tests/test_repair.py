@@ -7,6 +7,7 @@ import pytest
 
 import shapes
 from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.boxes import contains
 from vibraverse.geometry.judge import Unfit, counted, judge
 from vibraverse.geometry.sheets import thicken
 
@@ -67,6 +68,16 @@ def test_boxes_that_touch_in_a_point_or_an_edge_come_apart(shift, what):
     assert surfaces.volume(vertices, faces) == pytest.approx(2.0, rel=1e-3)
     one, other = (vertices[faces[part == i]].reshape(-1, 3) for i in range(2))
     assert np.linalg.norm(one[:, None] - other, axis=2).min() > 5e-5
+
+
+def test_a_wrap_holds_everything_even_fins_at_crowded_edges():
+    vertices, faces = shapes.box((1, 1, 1))
+    fin = len(vertices)
+    vertices = np.vstack([vertices, [[1.5, 1.5, 0.0]]])
+    faces = np.vstack([faces, [*faces[0][:2], fin]])
+    points, triangles = repair.wrap(vertices, faces, 0.05, 0.005)
+    assert contains(points, triangles, vertices).all()
+    assert contains(points, triangles, vertices[faces].mean(axis=1)).all()
 
 
 def test_triangles_without_area_are_turned_into_their_neighbours():

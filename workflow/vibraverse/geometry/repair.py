@@ -213,7 +213,8 @@ def wrap(vertices: np.ndarray, faces: np.ndarray, alpha: float, offset: float) -
     """
     import pymeshlab
 
-    session = _meshlab(vertices, faces)
+    # As a soup of single triangles: MeshLab leaves out those at edges with more than two.
+    session = _meshlab(vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))
     session.generate_alpha_wrap(
         alpha=pymeshlab.PercentageValue(100 * alpha), offset=pymeshlab.PercentageValue(100 * offset)
     )
