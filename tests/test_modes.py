@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 
 from meshes import box
+from vibraverse.config.physics import Modes
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.physics.modes import rayleigh_damping, solve_material
 from vibraverse.refusal import Refusal, read_refusal
 from vibraverse.seeds import rng
+from vibraverse.stages.modes import object_size
 from vibraverse.tetfiles import read_tets, write_tets
 
 
@@ -109,7 +111,25 @@ def test_configured_size_wins(chain):
 
     chain({"tin": MATERIALS["tin"]}, size_m=0.5)
     with h5py.File(chain.folder / "modes.h5") as h5:
-        assert h5.attrs["size_m"] == 0.5
+        assert (h5.attrs["size_m"], h5.attrs["size_origin"]) == (0.5, "configuration")
+
+
+@pytest.mark.parametrize(
+    ("options", "record", "expected"),
+    [
+        (
+            {"size_m": 0.5, "size_origin": "manifest"},
+            {"size_m": 0.1, "size_origin": "file"},
+            (0.5, "manifest"),
+        ),
+        ({"size_m": 0.5}, {"size_m": 0.1}, (0.5, "configuration")),
+        ({}, {"size_m": 0.1, "size_origin": "file"}, (0.1, "file")),
+        ({"default_size_m": 0.2}, {"size_m": None, "size_origin": None}, (0.2, "default")),
+    ],
+)
+def test_every_size_says_who_stated_it(options, record, expected):
+    materials = {"tin": MATERIALS["tin"]}
+    assert object_size(Modes(materials=materials, **options), record) == expected
 
 
 @pytest.mark.parametrize(

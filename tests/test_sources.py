@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import subprocess
 import sys
 
@@ -170,3 +171,46 @@ def test_objects_command(tmp_path, vibraverse):
     status, out, said = vibraverse("objects", "--config", config)
     assert (status, out) == (2, "")
     assert "did you mean 'nut'" in said
+
+
+def test_a_pipe_is_not_waited_for(tmp_path, vibraverse):
+    os.mkfifo(tmp_path / "pipe.stl")
+    status, _, said = run_stage(
+        vibraverse, tmp_path, "cup", '{"origin": "files"}', f"--file={tmp_path}/pipe.stl"
+    )
+    assert status == 2
+    assert "pipe.stl is not a file" in said
+    status, _, said = vibraverse("strike", tmp_path / "pipe.stl", "--material", "steel")
+    assert status == 2
+    assert "is not a file" in said
+
+
+def test_a_file_that_may_not_be_read_is_refused(tmp_path, vibraverse, monkeypatch):
+    make(tmp_path, "cup.obj")
+
+    def forbidden(*_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("vibraverse.sources.files.open", forbidden, raising=False)
+    status, _, _ = run_stage(vibraverse, tmp_path, "cup", '{"origin": "files"}', f"--file={tmp_path}/cup.obj")
+    assert status == 0
+    refusal = read_refusal(tmp_path / "source.json")
+    assert (refusal.reason, refusal.message) == (
+        "unreadable",
+        "cup.obj cannot be opened (Permission denied).",
+    )
+
+
+def test_a_large_file_is_copied_in_pieces(tmp_path, vibraverse):
+    """Two hundred megabytes go through a stage that may take fifty."""
+    import resource
+
+    with open(tmp_path / "large.stl", "wb") as file:
+        file.truncate(200_000_000)
+    before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    status, _, _ = run_stage(
+        vibraverse, tmp_path, "large", '{"origin": "files"}', f"--file={tmp_path}/large.stl"
+    )
+    assert status == 0
+    assert (tmp_path / "source.mesh").stat().st_size == 200_000_000
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 50_000

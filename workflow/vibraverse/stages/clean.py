@@ -70,5 +70,5 @@ STAGE = Stage(
     outputs={"surface": "cleaned surface (PLY)", "record": "what was repaired, and the scale (JSON)"},
     run=run,
     options=Clean,
-    libraries=("manifold3d", "numba", "numpy", "pymeshlab", "scipy", "trimesh", "vtk"),
+    libraries=("manifold3d", "numba", "numpy", "pymeshlab", "scipy", "vtk"),
 )

@@ -40,7 +40,7 @@ STAGE = Stage(
     outputs={"shard": "the shard (HDF5)"},
     run=run,
     options=ShardOptions,
-    libraries=("numpy", "h5py", "meshio", "soundfile", "trimesh"),
+    libraries=("numpy", "h5py", "meshio", "soundfile"),
     per_object=False,
     passes_refusals=False,
 )
