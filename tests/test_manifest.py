@@ -9,11 +9,12 @@ import time
 import pytest
 
 from mesh_bytes import make, run_sources
-from vibraverse.config import ConfigError, parse
+from vibraverse.config import ConfigError
 from vibraverse.plan import Plan
 from vibraverse.products import read_json
 from vibraverse.sources.files import NoMeshes
 from vibraverse.sources.manifest import COLUMNS, read_manifest
+from vibraverse.targets import source_argument, source_file
 
 TABLE = """path,id,size_m,category,licence
 Cup 1.obj,,0.09,vessel,CC0-1.0
@@ -197,13 +198,18 @@ def test_fifty_thousand_rows_are_quick(folder):
     assert time.process_time() - started < 6
 
 
+def test_a_file_that_may_not_be_read_is_no_input_of_the_rule(folder, monkeypatch):
+    """Snakemake would stop at it; the stage is told of it and refuses the one object."""
+    plan = Plan(config(folder))
+    argument = f"--file='{folder}/Cup 1.obj'"
+    assert source_file(plan, "cup-1") == [f"{folder}/Cup 1.obj"]
+    assert source_argument(plan, "cup-1") == argument
+    monkeypatch.setattr("os.access", lambda path, mode: False)
+    assert source_file(plan, "cup-1") == []
+    assert source_argument(plan, "cup-1") == argument
+
+
 def test_the_table_of_columns_is_in_the_documentation(root):
     text = (root / "docs/own-meshes.md").read_text(encoding="utf-8")
     for name, meaning in COLUMNS.items():
         assert f"| `{name}` | {meaning} |" in text
-
-
-def test_the_old_keys_still_read_folders(folder):
-    assert set(Plan(parse(config(folder) | {"sources": {"files": [{"path": str(folder)}]}})).objects) >= {
-        "cup-1"
-    }

@@ -1,5 +1,4 @@
 # A mesh as it came, with where it came from.
-from shlex import quote
 
 
 rule sources:
@@ -19,7 +18,7 @@ rule sources:
         mem_mb=memory("light"),
         runtime=minutes("light"),
     params:
-        file=lambda wildcards, input: f"--file={quote(str(input.file))}" if input.file else "",
+        file=lambda wildcards: targets.source_argument(plan, wildcards.object),
         options=lambda wildcards: plan.options("sources", object_=wildcards.object),
         version=VERSIONS["sources"],
     message:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+from shlex import quote
+
 from vibraverse.plan import Plan
 
 
@@ -55,6 +58,15 @@ def everything(plan: Plan) -> list[str]:
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:
-    """Return the mesh file an object is read from: one for objects of origin ``files``, else none."""
+    """Return the mesh file an object is read from: one for objects of origin ``files``, else none.
+
+    A file that may not be read is none either: Snakemake would stop at it, the stage refuses it.
+    """
     path = plan.objects[object_].input
-    return [str(path)] if path else []
+    return [str(path)] if path and os.access(path, os.R_OK) else []
+
+
+def source_argument(plan: Plan, object_: str) -> str:
+    """Return how the stage ``sources`` is told the mesh file of an object, for the shell."""
+    path = plan.objects[object_].input
+    return f"--file={quote(str(path))}" if path else ""
