@@ -108,13 +108,18 @@ def _arrays(session) -> Mesh:
 def close_holes(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     """Close every hole by triangles over its rim; faces at edges with more than two go first.
 
-    Covers may cut other faces.
+    Covers may cut other faces. Points where holes meet are split only when the surface does not close with them.
     """
-    session = _meshlab(vertices, faces)
-    session.meshing_repair_non_manifold_edges()
-    session.meshing_repair_non_manifold_vertices()
-    session.meshing_close_holes(maxholesize=len(faces) + 3, selfintersection=False)
-    return _arrays(session)
+    for split in (False, True):
+        session = _meshlab(vertices, faces)
+        session.meshing_repair_non_manifold_edges()
+        if split:
+            session.meshing_repair_non_manifold_vertices()
+        session.meshing_close_holes(maxholesize=len(faces) + 3, selfintersection=False)
+        closed = _arrays(session)
+        if surfaces.topology(closed[1], len(closed[0])).closed_manifold:
+            break
+    return closed
 
 
 def flip_caps(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
