@@ -262,6 +262,18 @@ _LIST = b"element face 1\nproperty list int int vertex_indices\nend_header\n"
         ("ply", _PLY % (b"binary_big_endian", 1) + _LIST + b"\x7f" * 100, "unreadable", "cut off"),
         ("ply", _PLY % (b"ascii", 1) + _LIST + b"0 0 0 1e30 0", "unreadable", "number 0"),
         ("ply", ply()[:-9], "unreadable", "cut off"),
+        (
+            "ply",
+            ply().replace(b"element vertex 8", b"element vertex " + b"1" * 400),
+            "unreadable",
+            "it announces 111",
+        ),
+        (
+            "ply",
+            b"ply\nformat ascii 1.0\nelement vertex %s\nend_header\n" % (b"1" * 400),
+            "too_large",
+            "has 111",
+        ),
         ("off", b"OFF\n1000000000 1 0\n", "unreadable", "too short"),
         ("off", b"OFF\n9000 1 0\n" + b"0 0 0\n" * 9000, "too_large", "9000 vertices"),
         ("off", b"OFF\n1 -1 0\n0 0 0\n", "unreadable", "-1 faces"),
@@ -294,6 +306,7 @@ def test_files_that_lie_and_files_that_swell(tmp_path, format, data, reason, sai
     _, refused = read(tmp_path / "a", format)
     assert said in refused.message
     assert refused.reason == reason
+    assert len(refused.message) < 400
 
 
 def test_ten_million_triangles_cost_no_memory(tmp_path):
