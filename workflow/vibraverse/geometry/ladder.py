@@ -49,6 +49,8 @@ class Attempt:
     """Share of the volume that may be dropped by the rungs that drop."""
     thickness: float = 0.0
     """Thickness given to sheets by the rungs that do, in normalised units."""
+    wraps: dict[tuple[float, float], list[Mesh]] = field(default_factory=dict)
+    """Wraps by radius and distance, kept for the rungs that come later."""
     notes: list[str] = field(default_factory=list)
     """What was done, in words."""
     dropped: list[Mesh] = field(default_factory=list)
@@ -80,9 +82,9 @@ def climb(
     """
     from pymeshlab import PyMeshLabException
 
-    last = Unfit("there is no repair to try")
+    last, wraps = Unfit("there is no repair to try"), {}
     for name, rung in rungs:
-        attempt = Attempt(**options)
+        attempt = Attempt(**options, wraps=wraps)
         try:
             body = rung(*soup, attempt)
             judge(*body)
@@ -296,7 +298,9 @@ def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop
     for alpha, offset in _WRAPS:
         trial = Attempt()
         try:
-            wrapped = _largest(_components(*repair.wrap(vertices, faces, alpha, offset)), trial, may_drop)
+            if (alpha, offset) not in attempt.wraps:
+                attempt.wraps[alpha, offset] = _components(*repair.wrap(vertices, faces, alpha, offset))
+            wrapped = _largest(attempt.wraps[alpha, offset], trial, may_drop)
             inside = surfaces.volume(*wrapped)
             if inside < _ENTERED * enclosed:
                 break
