@@ -27,6 +27,8 @@ _WELD = 1e-5
 _CRUMBS = 0.002
 #: A part whose mean thickness 2V/A is below this, in normalised units, is flat.
 _FLAT = 1e-5
+#: More triangles that cut one another are not resolved exactly: that would take minutes.
+_MANY = 3000
 #: Bodies that touch in an edge or a point move this far apart, in normalised units.
 _APART = 1e-4
 #: Wrapping radii and distances from the soup, as shares of the diagonal, coarsest first.
@@ -252,20 +254,51 @@ def _cavities(bodies: list[Mesh], inward: list[bool]) -> int:
 
 def _united(bodies: list[Mesh], attempt: Attempt) -> list[Mesh]:
     """Return the bodies that closed surfaces enclose together, each with its own surface, holes inside filled."""
-    try:
-        points, triangles = repair.unite(*surfaces.joined(bodies))
-    except ValueError as error:
-        raise Unfit(f"parts that are not closed ({error})") from None
-    points, triangles = repair.weld(points, triangles)
-    shells = _components(*repair.separate(points, triangles, _APART))
-    pieces = [shell for shell in shells if surfaces.volume(*shell) > 0]
+    solids, crossings = [], 0
+    for body in bodies:
+        crossing = int(crossing_faces(*body).sum())
+        solids += _resolved(body, crossing, attempt) if crossing else [body]
+        crossings += crossing
+    if crossings:
+        attempt.notes.append(f"resolved {counted(crossings, 'triangle')} that cut or touch each other")
+    pieces = [_tidied(*solid) for solid in solids]
+    if len(solids) > 1:
+        pieces = _joined(solids, attempt)
     if len(bodies) > 1:
         attempt.notes.append(f"united {counted(len(bodies), 'part')}, which left {len(pieces)}")
-    elif crossing := int(crossing_faces(*bodies[0]).sum()):
-        attempt.notes.append(f"resolved {counted(crossing, 'triangle')} that cut or touch each other")
-    void = _FLAT * sum(surfaces.volume(*piece) for piece in pieces)
-    attempt.filled_cavities += sum(surfaces.volume(*shell) < -void for shell in shells)
-    return [_tidied(*piece) for piece in pieces]
+    return pieces
+
+
+def _joined(solids: list[Mesh], attempt: Attempt) -> list[Mesh]:
+    """Return the union of bodies none of which cuts itself."""
+    try:
+        pieces = [_tidied(*piece) for piece in _shells(*repair.join(solids), attempt)]
+        if all(_is_solid(*piece) for piece in pieces):
+            return pieces
+    except ValueError:
+        pass
+    together = surfaces.joined(solids)
+    crossing = int(crossing_faces(*together).sum())
+    return [_tidied(*piece) for piece in _resolved(together, crossing, attempt)]
+
+
+def _resolved(body: Mesh, crossing: int, attempt: Attempt) -> list[Mesh]:
+    """Return the bodies inside a closed surface of which ``crossing`` faces cut or touch others."""
+    if crossing > _MANY:
+        raise Unfit(f"{crossing} triangles that cut or touch each other, too many to resolve")
+    try:
+        return _shells(*repair.unite(*body), attempt)
+    except ValueError as error:
+        raise Unfit(f"parts that are not closed ({error})") from None
+
+
+def _shells(points: np.ndarray, triangles: np.ndarray, attempt: Attempt) -> list[Mesh]:
+    """Return the bodies of a union, taken apart where they touch; shells facing inwards are left out and counted."""
+    points, triangles = repair.weld(points, triangles)
+    shells = _components(*repair.separate(points, triangles, _APART))
+    volumes = [surfaces.volume(*shell) for shell in shells]
+    attempt.filled_cavities += sum(volume < -_FLAT * max(volumes) for volume in volumes)
+    return [shell for shell, volume in zip(shells, volumes, strict=True) if volume > 0]
 
 
 def _tidied(points: np.ndarray, triangles: np.ndarray) -> Mesh:

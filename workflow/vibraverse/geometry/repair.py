@@ -152,6 +152,16 @@ def unite(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     return _arrays(session)
 
 
+def join(bodies: list[Mesh]) -> Mesh:
+    """Return the surface of the union of closed bodies none of which cuts itself, many times faster than :func:`unite`.
+
+    Raises ``ValueError`` when a body is no valid solid.
+    """
+    import manifold3d
+
+    return _mesh(manifold3d.Manifold.batch_boolean([_solid(*body) for body in bodies], manifold3d.OpType.Add))
+
+
 def separate(vertices: np.ndarray, faces: np.ndarray, distance: float) -> Mesh:
     """Take a closed, oriented surface apart where it touches itself in edges or points.
 
@@ -222,6 +232,20 @@ def wrap(vertices: np.ndarray, faces: np.ndarray, alpha: float, offset: float) -
     session = _meshlab(vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))
     session.generate_alpha_wrap(
         alpha=pymeshlab.PercentageValue(100 * alpha), offset=pymeshlab.PercentageValue(100 * offset)
+    )
+    return _arrays(session)
+
+
+def split(vertices: np.ndarray, faces: np.ndarray, longest: float) -> Mesh:
+    """Halve the edges that are longer than ``longest`` until none is; the shape stays, and so do the given vertices."""
+    import pymeshlab
+
+    length = float(surfaces.edge_lengths(vertices, faces).max(initial=0.0))
+    if length <= longest:
+        return vertices, faces
+    session = _meshlab(vertices, faces)
+    session.meshing_surface_subdivision_midpoint(
+        iterations=int(np.ceil(np.log2(length / longest))), threshold=pymeshlab.PureValue(longest)
     )
     return _arrays(session)
 
