@@ -29,6 +29,18 @@ def cylinder(radius: float, height: float, sections: int = 64):
     return np.array(mesh.vertices), np.array(mesh.faces)
 
 
+def angle_bracket(side: float = 1.5, leg: float = 0.6, width: float = 0.8):
+    """Return an L-shaped bar along y whose re-entrant edge lies on the y axis; its legs point up and to +x."""
+    a, b = -leg, side - leg
+    outline = np.array([(a, a), (b, a), (b, 0.0), (0.0, 0.0), (0.0, b), (a, b)])
+    n = len(outline)
+    vertices = np.concatenate([np.insert(outline, 1, y, axis=1) for y in (-width / 2, width / 2)])
+    caps = np.array([(0, 1, 2), (0, 2, 3), (0, 3, 5), (3, 4, 5)])
+    i, j = np.arange(n), (np.arange(n) + 1) % n
+    walls = np.concatenate([np.stack([i, i + n, j], 1), np.stack([j, i + n, j + n], 1)])
+    return vertices, np.concatenate([caps, caps[:, ::-1] + n, walls])
+
+
 def together(*meshes):
     """Return several meshes as one."""
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])

@@ -12,6 +12,7 @@ import shapes
 from vibraverse import meshfiles
 from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.closest import ClosestPoint
+from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.grids import DistanceField, signed_distance
 from vibraverse.geometry.hollow import deepest_point, hollow
 from vibraverse.refusal import Refused, read_refusal
@@ -25,7 +26,7 @@ def check_hollow(body, vertices, faces):
     found = surfaces.topology(body.faces, len(body.vertices))
     assert found.closed_manifold
     assert found.components == 1 + len(body.cavities)
-    assert not repair.crossing_faces(body.vertices, body.faces).any()
+    assert not crossing_faces(body.vertices, body.faces).any()
     inside = body.faces[len(faces) :, ::-1]
     points, triangles = surfaces.compact(body.vertices, inside)
     assert all(surfaces.volume(*part) > 0 for part in repair.parts(points, triangles))
@@ -76,7 +77,7 @@ def test_the_deepest_point_is_found_below_the_grid():
 
 def test_two_rooms_joined_by_a_thin_neck_stay_two():
     (a, b), join = (shapes.ball(0.4, 3, (0, 0, z)) for z in (-0.5, 0.5)), shapes.cylinder(0.06, 0.6, 24)
-    vertices, faces = repair.join([a, b, join], 1e-6)[0]
+    vertices, faces = repair.join([a, b, join])
     body = hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.5)
     check_hollow(body, vertices, faces)
     assert len(body.cavities) == 2

@@ -14,6 +14,7 @@ from vibraverse.config.geometry import Tets
 from vibraverse.geometry import quality, surfaces
 from vibraverse.geometry.fill import fill
 from vibraverse.geometry.remesh import SheetsMeet, remesh
+from vibraverse.geometry.ridges import ridges
 from vibraverse.geometry.tets import mesh_body, tetrahedralise
 from vibraverse.refusal import Refused, read_refusal
 
@@ -62,7 +63,7 @@ def test_a_cylinder_keeps_its_rims():
     check_mesh(mesh, vertices, faces)
     assert np.abs(mesh.points[:, 2]).max() == pytest.approx(0.9, abs=2e-3)
     rim = mesh.points[np.abs(np.abs(mesh.points[:, 2]) - 0.9) < 2e-3]
-    assert np.hypot(*rim.T[:2]).max() == pytest.approx(0.5, abs=5e-3)
+    assert np.hypot(*rim.T[:2]).max() == pytest.approx(0.5, abs=8e-3)
 
 
 def test_a_cavity_stays_empty():
@@ -107,7 +108,7 @@ def test_a_child_process_gives_the_same_mesh():
 
 def test_remeshing_bounds_the_distance_from_the_original():
     vertices, faces = shapes.ball(subdivisions=5)
-    points, triangles = remesh(vertices, faces, 0.2)
+    points, triangles = remesh(vertices, faces, 0.2, 0.02)
     assert surfaces.topology(triangles, len(points)).closed_manifold
     assert surfaces.volume(points, triangles) == pytest.approx(surfaces.volume(vertices, faces), rel=1e-12)
     middles = points[triangles].mean(axis=1)
@@ -115,10 +116,52 @@ def test_remeshing_bounds_the_distance_from_the_original():
     assert surfaces.edge_lengths(points, triangles).max() < 2 * 0.2
 
 
+def test_elements_shrink_towards_a_reentrant_edge():
+    vertices, faces = shapes.angle_bracket()
+    mesh = tetrahedralise(vertices, faces, TARGET)
+    check_mesh(mesh, vertices, faces)
+    volumes, middles = quality.volumes(mesh.points, mesh.cells), mesh.points[mesh.cells].mean(axis=1)
+    # The re-entrant edge runs along x = z = 0; the outer edges at x, z = -0.6 get no such care.
+    inner = np.hypot(middles[:, 0], middles[:, 2]) < 0.1
+    outer = np.hypot(middles[:, 0] + 0.6, middles[:, 2] + 0.6) < 0.1
+    assert inner.sum() > 20
+    assert np.median(volumes[inner]) < 0.6 * np.median(volumes[outer])
+
+
+def test_ridges_shorter_than_elements_are_roughness():
+    vertices, faces = shapes.box()
+    edges = ridges(vertices, faces, 35.0)
+    assert len(edges) == 12
+    assert len(ridges(vertices, faces, 95.0)) == 0
+    # A small pyramid on one face: its four slopes make ridges that end where it does.
+    top = len(vertices)
+    corners = np.array([[x, y, 0.9] for x, y in ((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1))])
+    rough = np.concatenate([vertices, corners, [[0.0, 0.0, 1.0]]])
+    pyramid = np.array([[top + i, top + (i + 1) % 4, top + 4] for i in range(4)])
+    base = np.array([[top, top + 2, top + 1], [top, top + 3, top + 2]])
+    both = np.concatenate([faces, pyramid, base])
+    assert len(ridges(rough, both, 35.0)) == 12 + 4 + 4
+    assert len(ridges(rough, both, 35.0, shortest=0.5)) == 12
+    assert len(ridges(rough, both, 35.0, shortest=0.2)) == 12 + 4 + 4
+
+
+def test_a_thin_wall_is_said_to_be_thin():
+    thick, thin = tetrahedralise(*shapes.box(), TARGET), tetrahedralise(*shapes.box((1.8, 1.8, 0.03)), TARGET)
+    assert not thick.warnings
+    assert thin.quality["layers"]["median"] < 1 < 3 < thick.quality["layers"]["median"]
+    assert any("thinner than 2 elements" in warning for warning in thin.warnings)
+
+
+def test_a_mesh_below_the_asked_quality_is_refused():
+    vertices, faces = shapes.cylinder(0.5, 1.8)
+    with pytest.raises(Refused, match="degrees between two faces"):
+        tetrahedralise(vertices, faces, 300, min_dihedral_deg=45.0)
+
+
 def test_sheets_that_cut_each_other_are_noticed():
     a, b = shapes.ball(0.5, 3), shapes.ball(0.5, 3, (0.3, 0, 0))
     with pytest.raises(SheetsMeet):
-        remesh(*shapes.together(a, b), 0.2)
+        remesh(*shapes.together(a, b), 0.2, 0.02)
 
 
 def test_a_surface_that_cuts_itself_is_refused():

@@ -70,10 +70,13 @@ class Tets(Section):
     """Tetrahedra."""
 
     target_elements: PositiveInt = 5000
-    """Number of tetrahedra to aim for."""
+    """Number of tetrahedra to aim for; thin-walled bodies may take twice as many."""
 
     max_volume_change: PositiveFloat = 0.005
     """Largest relative change of volume that remeshing the surface may cause."""
+
+    min_dihedral_deg: float = Field(0.1, ge=0, lt=60)
+    """Smallest angle between two faces of a tetrahedron, in degrees, that a mesh may have."""
 
     limits: Limits = Limits()
     """Limits of the mesher."""

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.grids import DistanceField, cell_centres
 from vibraverse.geometry.remesh import remesh
 from vibraverse.refusal import Refused
@@ -29,8 +30,8 @@ _SMOOTHING = 0.6
 _BLADE, _NEARBY = 0.75, 2
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
-#: Before that, triangles go where it moves the surface by this many samples at most.
-_FLAT = 0.1
+#: Before that, triangles go where it moves the surface by this many samples at most; the first that works.
+_FLAT = (0.1, 0.05, 0.02)
 #: Edge length wanted on the cavity's surface, in normalised units.
 _SIZE = 0.06
 #: The deepest point is sought from at most this many samples.
@@ -85,9 +86,9 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
             "The cavity falls into pieces too small to mesh.",
             _LEAVE_OUT,
         )
-    points, triangles = _tidied(_joined(kept), field, -level, spacing)
+    points, triangles = _tidied(surfaces.joined(kept), field, -level, spacing)
     return HollowBody(
-        *_joined([(vertices, faces), (points, triangles[:, ::-1])]),
+        *surfaces.joined([(vertices, faces), (points, triangles[:, ::-1])]),
         s_min=s_min,
         deepest=deepest,
         cavities=sorted((surfaces.volume(*part) for part in repair.parts(points, triangles)), reverse=True),
@@ -205,16 +206,19 @@ def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: 
 def _tidied(cavity: repair.Mesh, field: DistanceField, wall: float, spacing: float) -> repair.Mesh:
     """Return the cavity's surface with fewer, better triangles that keep clear of the outside and of each other.
 
-    Sharp edges are kept if that works; a level set's noise can look like many of them, so the second try keeps
-    none. What remains is the surface with only its needless triangles gone, or as it is.
+    A level set's noise can look like sharp edges, so none is kept unless the surface fails without. What remains
+    then is the surface with only its needless triangles gone, or as it is.
     """
-    thinned = repair.simplify(*cavity, _FLAT * spacing)
-    cavity = cavity if repair.crossing_faces(*thinned).any() else thinned
+    for flat in _FLAT:
+        thinned = repair.simplify(*cavity, flat * spacing)
+        if not crossing_faces(*thinned).any():
+            cavity = thinned
+            break
     components = surfaces.topology(cavity[1], len(cavity[0])).components
     size, deviation = max(4 * spacing, _SIZE), min(0.5 * spacing, 0.15 * wall)
-    for ridge_deg in (50.0, 180.0):
+    for ridge_deg in (180.0, 50.0):
         try:
-            points, triangles = remesh(*cavity, size, deviation / size, ridge_deg)
+            points, triangles = remesh(*cavity, size, deviation, ridge_deg)
         except RuntimeError:
             continue
         clear = (
@@ -223,12 +227,3 @@ def _tidied(cavity: repair.Mesh, field: DistanceField, wall: float, spacing: flo
         if clear and surfaces.topology(triangles, len(points)).components == components:
             return points, triangles
     return cavity
-
-
-def _joined(meshes: list[repair.Mesh]) -> repair.Mesh:
-    """Return several meshes as one, in their order."""
-    offsets = np.cumsum([0, *(len(points) for points, _ in meshes)])
-    return (
-        np.concatenate([points for points, _ in meshes]),
-        np.concatenate([cells + offset for (_, cells), offset in zip(meshes, offsets[:-1], strict=True)]),
-    )

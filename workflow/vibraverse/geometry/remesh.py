@@ -14,7 +14,8 @@ from __future__ import annotations
 import numpy as np
 
 from vibraverse.geometry.closest import ClosestPoint
-from vibraverse.geometry.repair import crossing_faces
+from vibraverse.geometry.crossing import crossing_faces
+from vibraverse.geometry.ridges import ridges
 from vibraverse.geometry.surfaces import (
     edge_keys,
     edge_lengths,
@@ -35,6 +36,8 @@ _ROUNDS = 3
 _LOCAL = 0.02
 #: Where the surface bends, triangles may shrink to this share of the wanted size.
 _SHRINK = 0.3
+#: Ridges that extend less than this share of the wanted size are smoothed.
+_SHORTEST = 0.5
 
 
 class SheetsMeet(RuntimeError):
@@ -44,31 +47,33 @@ class SheetsMeet(RuntimeError):
 def remesh(
     vertices: np.ndarray,
     faces: np.ndarray,
-    size: float,
-    deviation: float = 0.1,
-    ridge_deg: float = 25.0,
+    sizes: float | np.ndarray,
+    deviation: float,
+    ridge_deg: float = 35.0,
     rounds: int = 5,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the closed surface remade with edges of about ``size``, of the same volume, not cutting itself.
+    """Return the closed surface remade with edges of about ``sizes``, of the same volume, not cutting itself.
 
-    ``deviation`` bounds the distance from the original in units of ``size``: where the surface bends, triangles
-    shrink until they keep it. An edge at which the normal turns by more than ``ridge_deg`` stays sharp. Where two
-    few sheets are so close that the remade ones cut each other, these are remade finer, until the last of
-    ``rounds``. Raises :class:`SheetsMeet` when they then still do, ``RuntimeError`` when Mmg fails.
+    ``sizes`` is one length or one per vertex (V,). ``deviation`` bounds the distance from the original: where the
+    surface bends, triangles shrink until they keep it. Ridges, where the normal turns by more than ``ridge_deg`` along
+    at least about half a size, stay sharp. Where two sheets are so close that the remade ones cut each other, these are
+    remade finer, until the last of ``rounds``. Raises :class:`SheetsMeet` when they then still do, ``RuntimeError``
+    when Mmg fails.
     """
     closest, wanted = ClosestPoint(vertices, faces), volume(vertices, faces)
-    local = np.full(len(vertices), float(size))
+    local = np.broadcast_to(np.asarray(sizes, dtype=np.float64), len(vertices))
+    sharp = ridges(vertices, faces, ridge_deg, _SHORTEST * float(local.max()))
     for _ in range(rounds):
-        points, triangles = _mmg(vertices, faces, local, deviation * size, ridge_deg)
+        points, triangles = _mmg(vertices, faces, local, deviation, sharp)
         spoilt = _spoilt(points, triangles)
         if not spoilt.any():
             points = _fitted(closest, wanted, points, triangles)
             spoilt = crossing_faces(points, triangles)
             if not spoilt.any():
                 return points, triangles
-        if spoilt.mean() > _LOCAL:
+        coarser, local = local, _finer(vertices, local, points, triangles[spoilt])
+        if spoilt.mean() > _LOCAL or np.array_equal(coarser, local):
             break
-        local = _finer(vertices, local, points, triangles[spoilt])
     raise SheetsMeet(f"{int(spoilt.sum())} faces of the remade surface cut or touch each other")
 
 
@@ -85,21 +90,25 @@ def _spoilt(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _mmg(
-    vertices: np.ndarray, faces: np.ndarray, sizes: np.ndarray, deviation: float, ridge_deg: float
+    vertices: np.ndarray, faces: np.ndarray, sizes: np.ndarray, deviation: float, sharp: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Run Mmg's surface remesher with a wanted size (V,) at every vertex."""
+    """Run Mmg's surface remesher with a wanted size (V,) at every vertex and edges (E, 2) to keep sharp."""
     from mmgpy import MmgMeshS
 
-    mesh = MmgMeshS(
-        np.ascontiguousarray(vertices, dtype=np.float64), np.ascontiguousarray(faces, dtype=np.int32)
-    )
-    mesh["metric"] = sizes[:, None]
+    mesh = MmgMeshS()
+    mesh.set_mesh_size(len(vertices), len(faces), len(sharp))
+    mesh.set_vertices(np.ascontiguousarray(vertices, dtype=np.float64))
+    mesh.set_triangles(np.ascontiguousarray(faces, dtype=np.int32))
+    if len(sharp):
+        mesh.set_edges(np.ascontiguousarray(sharp, dtype=np.int32))
+        mesh.set_ridge_edges(np.arange(len(sharp), dtype=np.int32))
+    mesh["metric"] = np.ascontiguousarray(sizes)[:, None]
     mesh.remesh(
         hmax=float(sizes.max()),
         hmin=_SHRINK * float(sizes.min()),
         hausd=deviation,
         hgrad=1.4,
-        ar=ridge_deg,
+        ar=180.0,  # Mmg would look for ridges of its own
         verbose=-1,
     )
     return mesh.get_vertices().copy(), mesh.get_triangles().astype(np.int64)

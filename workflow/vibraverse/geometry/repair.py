@@ -11,7 +11,6 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from vibraverse.geometry import surfaces
-from vibraverse.geometry.crossing import crossing_faces as crossing_faces
 
 Mesh = tuple[np.ndarray, np.ndarray]
 

@@ -45,3 +45,12 @@ class LineOfSight:
             if meet(start, end, 1e-9, share, point, inner, sub_id):
                 shares[i] = share.get()
         return shares
+
+
+def depth_below(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, most: float) -> np.ndarray:
+    """Return how thick a body is below every vertex (V,): how far down its normal (V, 3) the other side is.
+
+    ``most`` where it is farther than that.
+    """
+    starts = points - 1e-3 * most * normals
+    return most * LineOfSight(points, triangles).first_hit(starts, starts - most * normals)

@@ -2,63 +2,64 @@
 
 The surface is remade at a size that gives about the wanted number of elements, then filled. Whether a shell
 inside is a cavity makes no difference anywhere, so meshing can never tell solid from hollow. Recipes differ in
-which edges they keep sharp: with few sharp edges triangles are better shaped, with many the shape is closer.
-The first whose triangles are well shaped is taken; when filling fails, the next one gets its turn before the
-body is refused.
+how much the surface must bend to be kept sharp; all bodies start with the same one, and the next gets its turn
+only when no valid mesh comes of it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from vibraverse.geometry import quality, surfaces
 from vibraverse.geometry.fill import ALGORITHMS, fill
 from vibraverse.geometry.remesh import SheetsMeet, remesh
+from vibraverse.geometry.sight import depth_below
+from vibraverse.geometry.sizing import sized
 from vibraverse.refusal import Refused
 
-#: Edges at which the normal turns by more than this many degrees stay sharp: recipes in rows. The first good one of
-#: a row is taken, else its best; the next row is for when none of it works.
-RIDGES_DEG = ((35.0, 50.0), (180.0,), (25.0,))
-#: A triangle with a smaller angle is poor. A surface with no more than this share of poor ones is taken at once.
-_POOR_DEG, _FEW_POOR = 5.0, 1e-3
-#: Missing the target by more than the first factor counts like a share of poor triangles, in proportion.
-_ACCEPTED, _FAR_OFF = 1.3, 0.05
+#: Ridges at which the normal turns by more than this many degrees stay sharp: the recipes, tried in this order.
+RIDGES_DEG = (35.0, 50.0, 180.0, 25.0)
 #: The element count may miss the target by this factor before the size is tried again, at most so often;
 #: at first the size changes by this power of the miss.
-_TOLERANCE, _TRIALS, _EXPONENT = 1.15, 4, 0.55
-#: A size at which sheets meet is followed by this share of it.
-_STEP_BACK = 0.7
+_TOLERANCE, _TRIALS, _EXPONENT = 1.15, 5, 0.55
+#: Elements should be no larger than this many times the body's mean thickness 2V/A. To that end there may be so many
+#: times more of them than asked for.
+_THICKNESSES, _MORE = 3.0, 2.0
+#: A size at which sheets meet is followed by this share of it; when nothing else happened so often, the recipe ends.
+_STEP_BACK, _MEETINGS = 0.85, 3
+#: How far the remade surface may be from the original: a share of the body's mean thickness, within shares of the size.
+_OF_THICKNESS, _LEAST, _MOST = 0.2, 0.1, 0.3
 #: How much gmsh's second optimiser adds to the number of elements.
 _OPTIMISED = 1.03
+#: An element count this many times the target is worth a warning.
+_FAR_OFF = 1.5
+#: Opposite sides farther apart than this are not looked for; a body's longest side is 1.8.
+_FAR = 4.0
+#: Below this many elements from one side to the other a wall counts as thin.
+THIN = 2.0
 
 
 @dataclass(frozen=True)
 class TetMesh:
-    """Tetrahedra: ``points`` (N, 3) float64, ``cells`` (T, 4) positively oriented, and a ``quality`` table."""
+    """Tetrahedra: ``points`` (N, 3) float64, ``cells`` (T, 4) positively oriented, a ``quality`` table and what one
+    should know about the mesh before trusting it: ``warnings``, sentences."""
 
     points: np.ndarray
     cells: np.ndarray
     quality: dict
+    warnings: list[str]
 
 
 @dataclass(frozen=True)
-class _Candidate:
-    """A remade surface, what made it, the share of its triangles that are poor, and the logarithm of its
-    element count over the target."""
+class _Remade:
+    """A remade surface, the size it was made at, and the logarithm of its element count over the target."""
 
-    ridge_deg: float
     size: float
     points: np.ndarray
     triangles: np.ndarray
-    poor: float
-    excess: float = 0.0
-
-    @property
-    def demerit(self) -> float:
-        """How much speaks against it: poor triangles, and an element count far from the target."""
-        return self.poor + _FAR_OFF * max(abs(self.excess) - np.log(_ACCEPTED), 0.0)
+    excess: float
 
 
 def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
@@ -71,6 +72,7 @@ def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
         faces,
         options.target_elements,
         options.max_volume_change,
+        options.min_dihedral_deg,
         seconds=options.limits.seconds,
         memory_mb=options.limits.memory_mb,
         what="the mesher",
@@ -78,33 +80,41 @@ def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
 
 
 def tetrahedralise(
-    vertices: np.ndarray, faces: np.ndarray, target_elements: int = 5000, max_volume_change: float = 0.005
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    target_elements: int = 5000,
+    max_volume_change: float = 0.005,
+    min_dihedral_deg: float = 0.1,
 ) -> TetMesh:
-    """Fill a closed, oriented, manifold surface with about ``target_elements`` tetrahedra.
+    """Fill a closed, oriented, manifold surface with about ``target_elements`` tetrahedra, twice as many in thin walls.
 
     ``vertices`` (V, 3), ``faces`` (F, 3); shells inside the outermost one are cavities, oriented into it. Raises
-    :class:`Refused` with reason ``meshing_failed`` when no recipe gives valid tetrahedra whose volume differs
-    from the surface's by at most the share ``max_volume_change``.
+    :class:`Refused` with reason ``meshing_failed`` when no recipe gives tetrahedra whose volume differs from the
+    surface's by at most the share ``max_volume_change`` and whose faces all meet at ``min_dihedral_deg`` or more.
     """
-    wanted = surfaces.volume(vertices, faces)
-    size = _first_size(surfaces.area(vertices, faces), wanted, target_elements)
+    body = _Body(vertices, faces)
+    target = int(
+        np.clip(body.count_at(_THICKNESSES * body.thickness), target_elements, _MORE * target_elements)
+    )
+    size = body.size_for(target)
     complaints: list[str] = []
-    for row in RIDGES_DEG:
-        candidates: list[_Candidate] = []
-        for ridge_deg in row:
+    for ridge_deg in RIDGES_DEG:
+        try:
+            remade = _sized(body, ridge_deg, size, target)
+        except (Refused, RuntimeError) as error:
+            complaints.append(getattr(error, "message", str(error)).rstrip("."))
+            continue
+        size = remade.size
+        for algorithm in ALGORITHMS:
             try:
-                candidate = _sized(vertices, faces, ridge_deg, size, target_elements)
-            except (Refused, RuntimeError) as error:
-                complaints.append(getattr(error, "message", str(error)))
+                nodes, cells = fill(remade.points, remade.triangles, algorithm)
+                table = quality.table(nodes, cells)
+                _check(nodes, cells, table, remade, body.volume, max_volume_change, min_dihedral_deg)
+            except Refused as refused:
+                complaints.append(refused.message.rstrip("."))
                 continue
-            candidates.append(candidate)
-            size = candidate.size
-            if candidate.demerit <= _FEW_POOR:
-                break
-        for candidate in sorted(candidates, key=lambda candidate: candidate.demerit):
-            mesh = _filled(candidate, wanted, max_volume_change, complaints)
-            if mesh is not None:
-                return mesh
+            table = {"ridge_deg": ridge_deg, "algorithm": algorithm, **table, "layers": _layers(remade)}
+            return TetMesh(nodes, cells, table, _warnings(table, len(cells), target))
     raise Refused(
         "meshing_failed",
         f"No recipe filled the surface with tetrahedra: {'; '.join(dict.fromkeys(complaints))}.",
@@ -112,97 +122,119 @@ def tetrahedralise(
     )
 
 
-def _sized(vertices, faces, ridge_deg: float, size: float, target: int) -> _Candidate:
+class _Body:
+    """The surface to be meshed and what is asked of it more than once."""
+
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray):
+        self._surface = vertices, faces
+        self.volume, self.area = surfaces.volume(vertices, faces), surfaces.area(vertices, faces)
+        self.thickness = 2 * self.volume / self.area
+
+    def count_at(self, size: float) -> float:
+        """Return about how many elements of a size surface layer and inside together hold."""
+        return 8 * self.area / size**2 + 8 * self.volume / size**3
+
+    def size_for(self, count: float) -> float:
+        """Return the size at which there are about so many."""
+        low, high = 1e-4, 2.0
+        for _ in range(60):
+            middle = np.sqrt(low * high)
+            low, high = (middle, high) if self.count_at(middle) > count else (low, middle)
+        return float(high)
+
+    def remade(self, size: float, ridge_deg: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return the surface with triangles of about ``size``."""
+        deviation = np.clip(_OF_THICKNESS * self.thickness, _LEAST * size, _MOST * size)
+        return remesh(*sized(*self._surface, size), float(deviation), ridge_deg)
+
+
+def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
     """Remake the surface at the size that gives about ``target`` elements, starting from ``size``.
 
     Thin walls need triangles not much larger than they are thick: a size at which sheets cut each other is too
-    large whatever the target. When that happens twice running this recipe will not do.
+    large whatever the target.
     """
-    tried: list[tuple[float, _Candidate]] = []
-    too_large = np.inf
+    tried: list[_Remade] = []
+    too_large, meetings = np.inf, 0
     for _ in range(_TRIALS):
         try:
-            candidate = _remade(vertices, faces, size, ridge_deg)
+            points, triangles = body.remade(size, ridge_deg)
         except SheetsMeet:
-            if too_large < np.inf and not tried:
+            too_large, meetings = min(too_large, size), meetings + 1
+            if meetings == _MEETINGS:
                 break
-            too_large = min(too_large, size)
             size *= _STEP_BACK
             continue
-        count = len(fill(candidate.points, candidate.triangles, optimise=False)[1])
-        excess = float(np.log(_OPTIMISED * count / target))
-        tried.append((excess, replace(candidate, excess=excess)))
-        if abs(excess) < np.log(_TOLERANCE):
+        count = len(fill(points, triangles, optimise=False)[1])
+        tried.append(_Remade(size, points, triangles, float(np.log(_OPTIMISED * count / target))))
+        if abs(tried[-1].excess) < np.log(_TOLERANCE):
             break
-        size *= float(np.clip(np.exp(_exponent(tried) * excess), 0.5, 2.0))
+        size *= float(np.clip(np.exp(_exponent(tried) * tried[-1].excess), 0.5, 2.0))
         if size > _STEP_BACK * too_large:
             break
     if not tried:
         raise SheetsMeet(f"sheets of the surface are closer than triangles of {too_large:.3g}")
-    return min(tried, key=lambda trial: abs(trial[0]))[1]
+    return min(tried, key=lambda trial: abs(trial.excess))
 
 
-def _remade(vertices, faces, size: float, ridge_deg: float) -> _Candidate:
-    points, triangles = remesh(vertices, faces, size, ridge_deg=ridge_deg)
-    poor = float((_smallest_angle_deg(points, triangles) < _POOR_DEG).mean())
-    return _Candidate(ridge_deg, size, points, triangles, poor)
-
-
-def _exponent(tried: list) -> float:
+def _exponent(tried: list[_Remade]) -> float:
     """Return by which power of the count's error the size should change, from the last two trials."""
     if len(tried) < 2:
         return _EXPONENT
-    (before, first), (now, second) = tried[-2:]
-    slope = np.log(second.size / first.size) / (before - now) if before != now else _EXPONENT
-    return float(np.clip(slope, 0.25, 1.5))
+    first, second = tried[-2:]
+    apart = first.excess - second.excess
+    return float(np.clip(np.log(second.size / first.size) / apart if apart else _EXPONENT, 0.25, 1.5))
 
 
-def _first_size(area: float, volume: float, target: int) -> float:
-    """Return the edge length at which surface layer and inside together hold about ``target`` elements."""
-    low, high = 1e-4, 2.0
-    for _ in range(60):
-        middle = np.sqrt(low * high)
-        low, high = (
-            (middle, high) if 8 * area / middle**2 + 8 * volume / middle**3 > target else (low, middle)
-        )
-    return float(high)
-
-
-def _filled(
-    candidate: _Candidate, wanted: float, max_volume_change: float, complaints: list[str]
-) -> TetMesh | None:
-    """Fill a remade surface by the first algorithm that gives a valid mesh, or say why none does."""
-    enclosed = surfaces.volume(candidate.points, candidate.triangles)
-    for algorithm in ALGORITHMS:
-        try:
-            nodes, cells = fill(candidate.points, candidate.triangles, algorithm)
-            _check(nodes, cells, enclosed, wanted, max_volume_change)
-        except Refused as refused:
-            complaints.append(refused.message.rstrip("."))
-            continue
-        table = quality.table(nodes, cells)
-        return TetMesh(nodes, cells, {"ridge_deg": candidate.ridge_deg, "algorithm": algorithm, **table})
-    return None
-
-
-def _check(nodes, cells, enclosed: float, wanted: float, max_volume_change: float) -> None:
+def _check(
+    nodes, cells, table, remade: _Remade, wanted: float, max_change: float, min_dihedral_deg: float
+) -> None:
     """Raise when the tetrahedra are not a valid mesh of the wanted body."""
     volumes = quality.volumes(nodes, cells)
     if volumes.min() <= 0:
         raise Refused("meshing_failed", f"{(volumes <= 0).sum()} tetrahedra are flat or turned inside out")
+    enclosed = surfaces.volume(remade.points, remade.triangles)
     if abs(volumes.sum() - enclosed) > 1e-9 * enclosed:
         raise Refused("meshing_failed", "the tetrahedra do not fill the surface")
     if quality.parts(cells, len(nodes)) != 1:
         raise Refused("meshing_failed", "the tetrahedra fall apart")
     change = abs(volumes.sum() / wanted - 1.0)
-    if change > max_volume_change:
+    if change > max_change:
         raise Refused("meshing_failed", f"remaking the surface changed the volume by {100 * change:.2g} %")
+    angle = table["min_dihedral_deg"]["min"]
+    if angle < min_dihedral_deg:
+        raise Refused(
+            "meshing_failed", f"a tetrahedron has an angle of {angle:.2g} degrees between two faces"
+        )
 
 
-def _smallest_angle_deg(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Return the smallest angle of every triangle in degrees, (F,)."""
-    a, b, c = surfaces.edge_lengths(points, triangles).T
-    twice = 2 * surfaces.normals_and_areas(points, triangles)[1]
-    # The sine of an angle is twice the area over the product of its sides; the smallest has the longest sides.
-    largest_product = np.maximum(np.maximum(a * b, b * c), c * a)
-    return np.degrees(np.arcsin(np.clip(twice / np.maximum(largest_product, 1e-300), 0.0, 1.0)))
+def _layers(remade: _Remade) -> dict:
+    """Return how many elements lie between opposite sides of the body, over its surface."""
+    points, triangles = remade.points, remade.triangles
+    lengths = np.repeat(surfaces.edge_lengths(points, triangles).mean(axis=1), 3)
+    around = np.bincount(triangles.ravel(), lengths) / np.bincount(triangles.ravel())
+    depth = depth_below(points, triangles, surfaces.vertex_normals(points, triangles), _FAR)
+    layers = depth / around
+    p05, median = np.percentile(layers, (5, 50))
+    return {
+        "p05": round(float(p05), 3),
+        "median": round(float(median), 3),
+        "thin_share": round(float((layers < THIN).mean()), 3),
+    }
+
+
+def _warnings(table: dict, count: int, target: int) -> list[str]:
+    """Return sentences about what makes a mesh less trustworthy or dearer than asked."""
+    warnings = []
+    if table["layers"]["thin_share"] > 0.1:
+        warnings.append(
+            f"{100 * table['layers']['thin_share']:.0f} % of the surface bounds walls thinner than {THIN:g} elements "
+            f"(half of them below {table['layers']['median']:.2g}): raise tets.target_elements where bending matters."
+        )
+    if count > _FAR_OFF * target:
+        warnings.append(
+            f"{count} tetrahedra instead of {target}: sheets too close for larger triangles need them."
+        )
+    if table["slivers"]:
+        warnings.append(f"{table['slivers']} tetrahedra have an angle below 5 degrees between two faces.")
+    return warnings

@@ -13,7 +13,7 @@ from vibraverse.geometry import surfaces
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.remesh import move
-from vibraverse.geometry.sight import LineOfSight
+from vibraverse.geometry.sight import depth_below
 
 Mesh = tuple[np.ndarray, np.ndarray]
 
@@ -54,8 +54,7 @@ def draw_in(points: np.ndarray, triangles: np.ndarray, distance: float, soup: Me
 
 def _thickness(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, most: float) -> np.ndarray:
     """Return how thick the body is below every vertex (V,), up to ``most``: the least around each vertex."""
-    starts = points - 1e-3 * most * normals
-    across = most * LineOfSight(points, triangles).first_hit(starts, starts - most * normals)
+    across = depth_below(points, triangles, normals, most)
     for _ in range(2):
         least = across[triangles].min(axis=1)
         np.minimum.at(across, triangles.ravel(), np.repeat(least, 3))

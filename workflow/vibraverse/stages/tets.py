@@ -10,10 +10,11 @@ def run(job: Job) -> None:
     """Read the surface, mesh the body in a child process, write the tetrahedra and their record."""
     from vibraverse import meshfiles
     from vibraverse.geometry import surfaces, tets
+    from vibraverse.tetfiles import write_tets
 
     surface = meshfiles.read_mesh(job.inputs["surface"], "ply")
     mesh = tets.mesh_body(surface.vertices, surface.faces, job.options)
-    tets_file(job.outputs["tets"], mesh.points, mesh.cells)
+    write_tets(job.outputs["tets"], mesh.points, mesh.cells)
     job.write_record(
         {
             "object": job.object,
@@ -23,15 +24,9 @@ def run(job: Job) -> None:
             "volume": float(tets.quality.volumes(mesh.points, mesh.cells).sum()),
             "surface_volume": surfaces.volume(surface.vertices, surface.faces),
             "quality": mesh.quality,
+            "warnings": mesh.warnings,
         }
     )
-
-
-def tets_file(path, points, cells) -> None:
-    """Write points and tetrahedra as a gmsh file."""
-    import meshio
-
-    meshio.Mesh(points, [("tetra", cells)]).write(path, file_format="gmsh", binary=True)
 
 
 STAGE = Stage(
@@ -41,6 +36,6 @@ STAGE = Stage(
     outputs={"tets": "tetrahedra (gmsh .msh)", "record": "counts, volume and quality (JSON)"},
     run=run,
     options=Tets,
-    libraries=("gmsh", "meshio", "mmgpy", "numba"),
+    libraries=("gmsh", "meshio", "mmgpy", "numba", "pymeshlab", "vtk"),
     per_solidity=True,
 )

@@ -1,0 +1,177 @@
+"""What geometry makes of meshes: rung, distances, elements, quality and CPU seconds, solid and hollow, a line each.
+
+python benchmarks/meshes.py FILE|FOLDER...       your own meshes
+python benchmarks/meshes.py --generated 200      that many generated objects, numbered from --first
+
+Default options. Imports and compiled loops are warm before the first measurement; a mesh that is refused says why.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import resource
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("paths", nargs="*", help="mesh files, or folders of them")
+    parser.add_argument("--generated", type=int, default=0, help="how many generated objects")
+    parser.add_argument("--first", type=int, default=1000, help="number of the first of each family")
+    parser.add_argument("--workers", type=int, default=1)
+    parser.add_argument("--json", type=Path, help="also write the rows there")
+    arguments = parser.parse_args()
+    work = list(_work(arguments))
+    if not work:
+        parser.error("nothing to do: name mesh files, or --generated N")
+    rows = []
+    print("| mesh | triangles | rung | to / from source, % of diagonal | body | elements | volume, % | angle, deg | layers |"
+          " CPU s: clean, grids, hollow, tets |")  # fmt: skip
+    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
+    with multiprocessing.get_context("spawn").Pool(arguments.workers, _warm_up, maxtasksperchild=40) as pool:
+        for row in pool.imap(_measure, work):
+            rows.append(row)
+            print(*_lines(row), sep="\n", flush=True)
+    print(_summary(rows))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(rows, indent=1))
+
+
+def _work(arguments):
+    from vibraverse.sources.families import FAMILIES
+    from vibraverse.sources.files import find
+
+    for path in arguments.paths:
+        yield from (("file", str(file)) for file in find(path).values())
+    names = list(FAMILIES)
+    for i in range(arguments.generated):
+        yield "generated", f"{names[i % len(names)]}-{arguments.first + i // len(names):04d}"
+
+
+def _warm_up() -> None:
+    """Import and compile everything once."""
+    box = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
+    faces = np.array([[0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1], [2, 3, 7], [2, 7, 6],
+                      [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3]])  # fmt: skip
+    _chain(box, faces, "warm-up", {}, {})
+
+
+def _measure(task: tuple[str, str]) -> dict:
+    kind, name = task
+    row: dict = {"name": Path(name).name if kind == "file" else name, "cpu": {}}
+    try:
+        if kind == "file":
+            from vibraverse.meshfiles import read_mesh
+            from vibraverse.sources.files import FORMATS
+
+            mesh = read_mesh(Path(name), FORMATS[Path(name).suffix.lower()])
+        else:
+            from vibraverse.sources.families import generate
+
+            mesh = generate(name)
+        row["source_triangles"] = len(mesh.faces)
+        _chain(mesh.vertices, mesh.faces, row["name"], row, row["cpu"])
+    except Exception as error:
+        row["refused"] = (
+            f"{getattr(error, 'reason', type(error).__name__)}: {getattr(error, 'message', error)}"
+        )
+    row["peak_mb"] = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss // 1024
+    return row
+
+
+def _chain(vertices, faces, name: str, row: dict, cpu: dict) -> None:
+    from vibraverse.geometry import grids, surfaces
+    from vibraverse.geometry.clean import clean
+    from vibraverse.geometry.hollow import hollow
+    from vibraverse.seeds import rng
+
+    def timed(stage, function, *values):
+        start = time.process_time()
+        try:
+            return function(*values)
+        finally:
+            cpu[stage] = time.process_time() - start
+
+    body = timed("clean", clean, vertices, faces)
+    row["rung"], row["triangles"] = body.rung, len(body.faces)
+    row["to_source"], row["from_source"] = body.deviation.to_source, body.deviation.from_source
+    outside = body.vertices, body.faces
+    row["bodies"] = {}
+    _tets("solid", outside, row, timed)
+    distance = timed("grids", grids.signed_distance, *outside, 128)
+    try:
+        inside = timed("hollow", hollow, *outside, distance, float(rng(name, "hollow").uniform(0.3, 0.7)))
+    except Exception as error:
+        row["bodies"]["hollow"] = {"refused": getattr(error, "message", str(error))}
+        return
+    row["hollow_share"] = surfaces.volume(inside.vertices, inside.faces) / surfaces.volume(*outside)
+    _tets("hollow", (inside.vertices, inside.faces), row, timed)
+
+
+def _tets(solidity: str, surface, row: dict, timed) -> None:
+    from vibraverse.geometry import quality, surfaces
+    from vibraverse.geometry.tets import tetrahedralise
+
+    try:
+        mesh = timed(f"tets {solidity}", tetrahedralise, *surface)
+    except Exception as error:
+        row["bodies"][solidity] = {"refused": getattr(error, "message", str(error))}
+        return
+    volume = float(quality.volumes(mesh.points, mesh.cells).sum())
+    row["bodies"][solidity] = {
+        "elements": len(mesh.cells),
+        "volume_change": volume / surfaces.volume(*surface) - 1,
+        "quality": mesh.quality,
+        "warnings": mesh.warnings,
+    }
+
+
+def _lines(row: dict) -> list[str]:
+    head = f"| {row['name']} | {row.get('source_triangles', '')} "
+    if "bodies" not in row:
+        return [head + f"| refused | {row.get('refused', '')} | | | | | | |"]
+    head += f"| {row['rung']} | {100 * row['to_source']:.2f} / {100 * row['from_source']:.2f} "
+    lines, cpu = [], row["cpu"]
+    for solidity, found in row["bodies"].items():
+        if "refused" in found:
+            lines.append(head + f"| {solidity} | refused: {found['refused']} | | | | |")
+            continue
+        angle, layers = found["quality"]["min_dihedral_deg"], found["quality"]["layers"]
+        before = ("clean",) if solidity == "solid" else ("grids", "hollow")
+        seconds = ", ".join(f"{cpu[stage]:.2f}" for stage in (*before, f"tets {solidity}"))
+        lines.append(
+            head + f"| {solidity} | {found['elements']} | {100 * found['volume_change']:.1g} "
+            f"| {angle['min']:.2g} / {angle['p05']:.0f} | {layers['median']:.1f} | {seconds} |"
+        )
+        head = "| | | | "
+    return lines
+
+
+def _summary(rows: list[dict]) -> str:
+    done = [row for row in rows if "bodies" in row]
+    bodies = [(row, name, found) for row in done for name, found in row["bodies"].items()]
+    good = [(row, name, found) for row, name, found in bodies if "refused" not in found]
+    cost = [row["cpu"]["clean"] + row["cpu"][f"tets {name}"] for row, name, _ in good]
+    whole = [sum(row["cpu"].values()) for row in done]
+    elements = [found["elements"] for _, _, found in good]
+    if not good:
+        return f"\n{len(rows)} meshes, none became a body."
+    return (
+        f"\n{len(rows)} meshes, {len(rows) - len(done)} refused by clean; of {len(bodies)} bodies "
+        f"{len(bodies) - len(good)} refused.\nclean + tets, CPU s a body: median {np.median(cost):.2f}, 95th percentile "
+        f"{np.percentile(cost, 95):.2f}, most {max(cost):.2f}; all stages of an object, most {max(whole):.1f}.\n"
+        f"elements: median {np.median(elements):.0f}, 95th percentile {np.percentile(elements, 95):.0f}; memory up to "
+        f"{max(row['peak_mb'] for row in rows)} MB."
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

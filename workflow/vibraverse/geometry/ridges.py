@@ -1,0 +1,52 @@
+"""The sharp edges of closed triangle surfaces: those that a remesher must keep, those where stress concentrates."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from vibraverse.geometry import surfaces
+
+
+def ridges(vertices: np.ndarray, faces: np.ndarray, angle_deg: float, shortest: float = 0.0) -> np.ndarray:
+    """Return the edges (E, 2) at which the normal of a closed surface turns by more than ``angle_deg``.
+
+    Edges that share points form a ridge. One that extends less than ``shortest`` is left out: it is roughness that
+    elements of that size cannot follow, and keeping it costs badly shaped ones.
+    """
+    edges, turn, _ = _edges(vertices, faces)
+    return _extended(vertices, edges[turn > angle_deg], shortest)
+
+
+def reentrant_ridges(
+    vertices: np.ndarray, faces: np.ndarray, angle_deg: float, shortest: float = 0.0
+) -> np.ndarray:
+    """Return those edges (E, 2) of :func:`ridges` at which the surface bends inwards."""
+    edges, turn, inwards = _edges(vertices, faces)
+    return _extended(vertices, edges[(turn > angle_deg) & inwards], shortest)
+
+
+def _extended(vertices: np.ndarray, sharp: np.ndarray, shortest: float) -> np.ndarray:
+    """Return the edges (E, 2) whose connected set extends at least ``shortest``."""
+    if not len(sharp) or shortest <= 0:
+        return sharp
+    graph = coo_array((np.ones(len(sharp), np.int8), sharp.T), shape=(len(vertices),) * 2)
+    ridge = connected_components(graph, directed=False)[1][sharp[:, 0]]
+    low, high = np.full((ridge.max() + 1, 3), np.inf), np.full((ridge.max() + 1, 3), -np.inf)
+    np.minimum.at(low, ridge, vertices[sharp].min(axis=1))
+    np.maximum.at(high, ridge, vertices[sharp].max(axis=1))
+    return sharp[np.linalg.norm(high - low, axis=1)[ridge] >= shortest]
+
+
+def _edges(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return every edge (E, 2) of a closed surface, by how many degrees its normal turns, and whether inwards (E,)."""
+    edges = surfaces.half_edges(faces)
+    order = np.argsort(surfaces.edge_keys(edges), kind="stable")
+    left, right = order[0::2], order[1::2]
+    normals, _ = surfaces.normals_and_areas(vertices, faces)
+    cosine = np.einsum("ij,ij->i", normals[left // 3], normals[right // 3])
+    # The corner of the right face that is not on the edge lies above the left face where the surface bends inwards.
+    opposite = vertices[faces[right // 3, (right % 3 + 2) % 3]]
+    above = np.einsum("ij,ij->i", opposite - vertices[edges[left, 0]], normals[left // 3])
+    return edges[left], np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))), above > 0
