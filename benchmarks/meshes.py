@@ -14,6 +14,7 @@ import multiprocessing
 import resource
 import sys
 import time
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,10 +34,12 @@ def main() -> None:
     if not work:
         parser.error("nothing to do: name mesh files, or --generated N")
     rows = []
-    print("| mesh | triangles | rung | to / from source, % of diagonal | body | elements | volume, % | angle, deg | layers |"
-          " CPU s: clean, grids, hollow, tets |")  # fmt: skip
-    print("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |")
-    with multiprocessing.get_context("spawn").Pool(arguments.workers, _warm_up, maxtasksperchild=40) as pool:
+    print(
+        "| mesh | triangles | rung | body to source / source to body, % of diagonal | body | elements | volume, % "
+        "| angle: least / 5 %, deg | layers | CPU s: clean, tets; grids, hollow, tets |"
+    )
+    print("|" + 10 * " --- |")
+    with multiprocessing.get_context("spawn").Pool(arguments.workers) as pool:
         for row in pool.imap(_measure, work):
             rows.append(row)
             print(*_lines(row), sep="\n", flush=True)
@@ -56,6 +59,7 @@ def _work(arguments):
         yield "generated", f"{names[i % len(names)]}-{arguments.first + i // len(names):04d}"
 
 
+@cache
 def _warm_up() -> None:
     """Import and compile everything once."""
     box = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
@@ -68,6 +72,7 @@ def _measure(task: tuple[str, str]) -> dict:
     kind, name = task
     row: dict = {"name": Path(name).name if kind == "file" else name, "cpu": {}}
     try:
+        _warm_up()
         if kind == "file":
             from vibraverse.meshfiles import read_mesh
             from vibraverse.sources.files import FORMATS
@@ -102,7 +107,7 @@ def _chain(vertices, faces, name: str, row: dict, cpu: dict) -> None:
 
     body = timed("clean", clean, vertices, faces)
     row["rung"], row["triangles"] = body.rung, len(body.faces)
-    row["to_source"], row["from_source"] = body.deviation.to_source, body.deviation.from_source
+    row["invented"], row["lost"] = body.deviation.body_to_source, body.deviation.source_to_body
     outside = body.vertices, body.faces
     row["bodies"] = {}
     _tets("solid", outside, row, timed)
@@ -138,7 +143,7 @@ def _lines(row: dict) -> list[str]:
     head = f"| {row['name']} | {row.get('source_triangles', '')} "
     if "bodies" not in row:
         return [head + f"| refused | {row.get('refused', '')} | | | | | | |"]
-    head += f"| {row['rung']} | {100 * row['to_source']:.2f} / {100 * row['from_source']:.2f} "
+    head += f"| {row['rung']} | {100 * row['invented']:.2f} / {100 * row['lost']:.2f} "
     lines, cpu = [], row["cpu"]
     for solidity, found in row["bodies"].items():
         if "refused" in found:
@@ -166,8 +171,9 @@ def _summary(rows: list[dict]) -> str:
         return f"\n{len(rows)} meshes, none became a body."
     return (
         f"\n{len(rows)} meshes, {len(rows) - len(done)} refused by clean; of {len(bodies)} bodies "
-        f"{len(bodies) - len(good)} refused.\nclean + tets, CPU s a body: median {np.median(cost):.2f}, 95th percentile "
-        f"{np.percentile(cost, 95):.2f}, most {max(cost):.2f}; all stages of an object, most {max(whole):.1f}.\n"
+        f"{len(bodies) - len(good)} refused.\nclean + tets, CPU s a body: median {np.median(cost):.2f}, "
+        f"95th percentile {np.percentile(cost, 95):.2f}, most {max(cost):.2f}; "
+        f"all stages of an object, most {max(whole):.1f}.\n"
         f"elements: median {np.median(elements):.0f}, 95th percentile {np.percentile(elements, 95):.0f}; memory up to "
         f"{max(row['peak_mb'] for row in rows)} MB."
     )

@@ -1,0 +1,80 @@
+"""One object, described differently, keeps its frequencies: geometry from cleaning to the eigensolver."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from vibraverse import meshfiles
+from vibraverse.geometry import LONGEST_SIDE
+from vibraverse.geometry.clean import clean
+from vibraverse.geometry.grids import signed_distance
+from vibraverse.geometry.hollow import hollow
+from vibraverse.geometry.tets import tetrahedralise
+from vibraverse.physics.eigensolver import solve
+from vibraverse.physics.elasticity import assemble
+from vibraverse.sources.bundled import locate
+from vibraverse.sources.families import generate
+
+MODES = 20
+
+
+def source(name: str):
+    """Return the vertices and faces of a bundled or generated object."""
+    mesh = meshfiles.read_mesh(locate(name), "ply") if name == "nut" else generate(name)
+    return mesh.vertices, mesh.faces
+
+
+def split_edges(vertices, faces, generator, share: float = 0.3):
+    """Return the same surface with random edges split at random points."""
+    vertices, faces = list(vertices), [tuple(face) for face in faces]
+    for _ in range(int(share * len(faces))):
+        i = int(generator.integers(len(faces)))
+        a, b = faces[i][:2]
+        j = next(j for j, face in enumerate(faces) if j != i and a in face and b in face)
+        at = generator.uniform(0.3, 0.7)
+        vertices.append((1 - at) * np.asarray(vertices[a]) + at * np.asarray(vertices[b]))
+        new = len(vertices) - 1
+        for face in (faces[i], faces[j]):
+            faces.append(tuple(new if corner == a else corner for corner in face))
+        for k in (i, j):
+            faces[k] = tuple(new if corner == b else corner for corner in faces[k])
+    return np.array(vertices), np.array(faces)
+
+
+def described_anew(vertices, faces, seed: int):
+    """Return the surface rotated, scaled, moved, triangulated and numbered differently, and the scale."""
+    generator = np.random.default_rng(seed)
+    vertices, faces = split_edges(vertices, faces, generator)
+    scale = float(np.exp(generator.uniform(-5, 5)))
+    rotation = Rotation.random(random_state=seed).as_matrix()
+    vertices = scale * (vertices @ rotation.T + generator.normal(size=3))
+    order = generator.permutation(len(vertices))
+    faces = np.argsort(order)[faces][generator.permutation(len(faces))]
+    return vertices[order], np.array([np.roll(face, generator.integers(3)) for face in faces]), scale
+
+
+def frequencies(vertices, faces, solidity: str, scale: float = 1.0) -> np.ndarray:
+    """Return the first frequencies in the units of the object before it was scaled, (MODES,)."""
+    body = clean(vertices, faces)
+    surface = body.vertices, body.faces
+    if solidity == "hollow":
+        made = hollow(*surface, signed_distance(*surface, 128), 0.5)
+        surface = made.vertices, made.faces
+    mesh = tetrahedralise(*surface)
+    operators = assemble(mesh.points, mesh.cells, 2)
+    pairs = solve(operators, 0.3, MODES, rng=np.random.default_rng(0), tolerance=1e-4)
+    return np.sqrt(pairs.values[-MODES:]) * LONGEST_SIDE / (body.longest_side / scale)
+
+
+@pytest.mark.parametrize(
+    ("name", "solidity"),
+    [("nut", "solid"), ("nut", "hollow"), ("tuning-fork-0000", "solid"), ("cup-0000", "solid")],
+)
+def test_frequencies_belong_to_the_object_not_to_its_description(name, solidity):
+    vertices, faces = source(name)
+    reference = frequencies(vertices, faces, solidity)
+    assert reference[0] > 0
+    *anew, scale = described_anew(vertices, faces, seed=7)
+    assert np.abs(frequencies(*anew, solidity, scale) / reference - 1).max() < 5e-3
