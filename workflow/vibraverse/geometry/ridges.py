@@ -8,15 +8,20 @@ from scipy.sparse.csgraph import connected_components
 
 from vibraverse.geometry import surfaces
 
+#: Grooves at which the normal turns inwards by more than this are rounded instead of kept sharp.
+_NARROW_DEG = 120.0
+
 
 def ridges(vertices: np.ndarray, faces: np.ndarray, angle_deg: float, shortest: float = 0.0) -> np.ndarray:
     """Return the edges (E, 2) at which the normal of a closed surface turns by more than ``angle_deg``.
 
     Edges that share points form a ridge. One that extends less than ``shortest`` is left out: it is roughness that
-    elements of that size cannot follow, and keeping it costs badly shaped ones.
+    elements of that size cannot follow, and keeping it costs badly shaped ones. So are grooves too narrow for chords of
+    their bottom to stay between their sides.
     """
-    edges, turn, _ = _edges(vertices, faces)
-    return _extended(vertices, edges[turn > angle_deg], shortest)
+    edges, turn, inwards = _edges(vertices, faces)
+    groove = inwards & (turn > _NARROW_DEG)
+    return _extended(vertices, edges[(turn > angle_deg) & ~groove], shortest)
 
 
 def reentrant_ridges(
