@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 from vibraverse.geometry import surfaces
 
 #: Grooves at which the normal turns inwards by more than this are rounded instead of kept sharp.
-_NARROW_DEG = 120.0
+_NARROW_DEG = 150.0
 
 
 def ridges(vertices: np.ndarray, faces: np.ndarray, angle_deg: float, shortest: float = 0.0) -> np.ndarray:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.geometry import repair
+from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.ridges import reentrant_ridges
 
@@ -20,6 +20,9 @@ _REENTRANT_DEG = 30.0
 _SHORTEST = 1.0
 #: The size at a re-entrant edge as a share of that elsewhere, and how much it grows per length of distance.
 _SHARE, _GROWTH = 0.3, 0.4
+#: When re-entrant ridges are many, refining all of them would leave too few elements for the rest: where strips of one
+#: size along them cover less than the first share of the surface they are refined fully, beyond the second not at all.
+_OCCUPIED = (0.1, 0.4)
 #: Edges of the input longer than this many sizes are split, so that sizes given at vertices can vary along them.
 _LONG = 2.0
 
@@ -33,6 +36,9 @@ def sized(vertices: np.ndarray, faces: np.ndarray, size: float) -> tuple[np.ndar
     edges = reentrant_ridges(vertices, faces, _REENTRANT_DEG, _SHORTEST * size)
     if not len(edges):
         return vertices, faces, np.full(len(vertices), float(size))
+    lines = vertices[edges]
+    length = float(np.linalg.norm(lines[:, 1] - lines[:, 0], axis=1).sum())
+    share = np.interp(length * size / surfaces.area(vertices, faces), _OCCUPIED, (_SHARE, 1.0))
     distance = ClosestPoint(vertices, np.column_stack([edges, edges[:, 1]])).distance
     vertices, faces = repair.split(vertices, faces, _LONG * size)
-    return vertices, faces, np.minimum(_SHARE * size + _GROWTH * distance(vertices), size)
+    return vertices, faces, np.minimum(share * size + _GROWTH * distance(vertices), size)
