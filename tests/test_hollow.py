@@ -63,6 +63,8 @@ def test_the_wall_of_a_box_is_as_thick_as_asked():
     assert wall.min() > 0.12
     sides = np.array([1.8, 1.0, 0.7]) - 0.28
     assert body.cavities[0] == pytest.approx(sides.prod(), rel=0.03)
+    assert body.asked == pytest.approx(sides.prod(), rel=0.005)
+    assert body.kept == pytest.approx(body.cavities[0] / sides.prod(), rel=0.005)
     assert len(triangles) < 6000
 
 
@@ -139,6 +141,15 @@ def test_the_stage_refuses_a_thin_body(run):
     surface, record = run(vertices, faces, signed_distance(vertices, faces, 32))
     assert read_refusal(surface) == read_refusal(record)
     assert read_refusal(record).reason == "too_thin"
+
+
+def test_the_stage_refuses_a_cavity_not_worth_its_name(run, ball):
+    assert json.loads(run(*ball)[1].read_text())["kept_share"] > 0.9
+    surface, record = run(*ball, name="strict", min_kept=0.999)
+    refusal = read_refusal(record)
+    assert read_refusal(surface) == refusal
+    assert refusal.reason == "too_thin"
+    assert "hollow.min_kept" in refusal.advice
 
 
 @pytest.mark.parametrize("thickness", [[0.7, 0.3], [0.0, 0.5], [0.5, 1.0]])

@@ -54,6 +54,9 @@ class Hollow(Section):
     thickness: tuple[float, float] = (0.3, 0.7)
     """Range of ``t``, drawn by the object's seed: the wall reaches ``t`` of the way to the deepest point."""
 
+    min_kept: float = Field(0.0, ge=0, lt=1)
+    """Refuse a hollow body whose cavity has less than this share of the volume that ``t`` asks for."""
+
     limits: Limits = Limits()
     """Limits of making the cavity."""
 

@@ -46,7 +46,8 @@ class HollowBody:
     """Surface of a hollow body: the outside's vertices and faces first, then the cavities' (oriented inwards).
 
     ``s_min`` is the signed distance at ``deepest``; ``cavities`` lists the volume of each cavity; ``specks``
-    counts those too small to mesh, which stay filled.
+    counts those too small to mesh, which stay filled. ``asked`` is the volume of ``S <= t · s_min`` on the samples:
+    where walls are about twice ``t |s_min|`` thick, the cavities are less.
     """
 
     vertices: np.ndarray
@@ -55,6 +56,12 @@ class HollowBody:
     deepest: np.ndarray
     cavities: list[float]
     specks: int
+    asked: float
+
+    @property
+    def kept(self) -> float:
+        """The share of the volume asked for that the cavities have."""
+        return sum(self.cavities) / self.asked
 
 
 def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: float) -> HollowBody:
@@ -76,7 +83,10 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
             f"a cavity of {2 * reach:.4f} cannot be resolved at {spacing:.4f}.",
             _LEAVE_OUT,
         )
-    shells = repair.parts(*_isosurface(*_sampled(field, distance, level, factor), level))
+    samples = _sampled(field, distance, level, factor)
+    # A sample within half a spacing of the level has a part of its cell on either side.
+    asked = float(np.clip((level - samples[0]) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
+    shells = repair.parts(*_isosurface(*samples, level))
     volumes = np.array([surfaces.volume(*shell) for shell in shells])
     speck = 4 / 3 * np.pi * (_SPECK * spacing) ** 3
     kept = [shell for shell, size in zip(shells, volumes, strict=True) if size > speck]
@@ -93,6 +103,7 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
         deepest=deepest,
         cavities=sorted((surfaces.volume(*part) for part in repair.parts(points, triangles)), reverse=True),
         specks=len(shells) - len(kept),
+        asked=asked,
     )
 
 

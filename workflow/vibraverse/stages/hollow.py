@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vibraverse.config.geometry import Hollow
+from vibraverse.refusal import Refused
 from vibraverse.stage import Job, Stage
 
 
@@ -31,6 +32,13 @@ def run(job: Job) -> None:
         memory_mb=limits.memory_mb,
         what="the cavity's mesher",
     )
+    if body.kept < job.options.min_kept:
+        raise Refused(
+            "too_thin",
+            f"Only {100 * body.kept:.0f} % of the cavity that t = {t:.2f} asks for could be made: the walls are hardly "
+            "thicker than twice the wanted wall.",
+            "Leave the hollow body of this object out, lower hollow.min_kept, or narrow hollow.thickness.",
+        )
     meshfiles.write_ply(job.outputs["hollow_surface"], body.vertices, body.faces)
     job.write_record(
         {
@@ -41,6 +49,8 @@ def run(job: Job) -> None:
             "wall": -t * body.s_min,
             "cavities": body.cavities,
             "specks": body.specks,
+            "asked_volume": body.asked,
+            "kept_share": body.kept,
             "outside_triangles": len(faces),
             "triangles": len(body.faces),
             "volume": surfaces.volume(body.vertices, body.faces),
