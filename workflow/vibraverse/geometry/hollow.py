@@ -25,9 +25,9 @@ _FEWEST = 1.5
 #: Width of the Gaussian, in samples, that takes away blades and lace too thin for the samples. It leaves the
 #: distance unchanged where that is linear, which is all but the cavity's edges.
 _SMOOTHING = 0.6
-#: A cavity ends where it would reach less than this many samples; how deep the body is nearby is looked for so many
-#: samples around.
-_BLADE, _NEARBY = 0.75, 2
+#: A cavity ends where it would reach less than this many samples, more when its surface cannot be remade otherwise; how
+#: deep the body is nearby is looked for so many samples around.
+_BLADES, _NEARBY = (0.75, 1.5, 3.0), 2
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
 #: Before that, triangles go where it moves the surface by this many samples at most; the first that works.
@@ -86,23 +86,28 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
     samples = _sampled(field, distance, level, factor)
     # A sample within half a spacing of the level has a part of its cell on either side.
     asked = float(np.clip((level - samples[0]) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
-    shells = repair.parts(*_isosurface(*samples, level))
-    volumes = np.array([surfaces.volume(*shell) for shell in shells])
-    speck = 4 / 3 * np.pi * (_SPECK * spacing) ** 3
-    kept = [shell for shell, size in zip(shells, volumes, strict=True) if size > speck]
-    if not kept:
-        raise Refused(
-            "too_thin",
-            "The cavity falls into pieces too small to mesh.",
-            _LEAVE_OUT,
-        )
-    points, triangles = _tidied(surfaces.joined(kept), field, -level, spacing)
+    cavity, specks = None, 0
+    for blade in _BLADES:
+        shells = repair.parts(*_isosurface(*samples, level, blade))
+        kept = [
+            shell for shell in shells if surfaces.volume(*shell) > 4 / 3 * np.pi * (_SPECK * spacing) ** 3
+        ]
+        if not kept:
+            break
+        cavity, specks = surfaces.joined(kept), len(shells) - len(kept)
+        tidied = _tidied(cavity, field, -level, spacing)
+        if tidied is not None:
+            cavity = tidied
+            break
+    if cavity is None:
+        raise Refused("too_thin", "The cavity falls into pieces too small to mesh.", _LEAVE_OUT)
+    points, triangles = cavity
     return HollowBody(
         *surfaces.joined([(vertices, faces), (points, triangles[:, ::-1])]),
         s_min=s_min,
         deepest=deepest,
         cavities=sorted((surfaces.volume(*part) for part in repair.parts(points, triangles)), reverse=True),
-        specks=len(shells) - len(kept),
+        specks=specks,
         asked=asked,
     )
 
@@ -171,8 +176,8 @@ def _sampled(
     return fine, origin, spacing
 
 
-def _opened(samples: np.ndarray, spacing: float) -> np.ndarray:
-    """Return the samples raised above any level that the body nearby undercuts by less than ``_BLADE`` spacings.
+def _opened(samples: np.ndarray, least: float) -> np.ndarray:
+    """Return the samples raised above any level that the body nearby undercuts by less than ``least``.
 
     Where a wall is about as thick as the level set asks for, the set is a blade full of holes. Here it ends
     instead. In thick parts nothing changes, since a few samples further in the body is deeper than that.
@@ -180,18 +185,25 @@ def _opened(samples: np.ndarray, spacing: float) -> np.ndarray:
     from scipy.ndimage import gaussian_filter, minimum_filter
 
     nearby = minimum_filter(samples, 2 * _NEARBY + 1, mode="nearest")
-    return np.maximum(samples, gaussian_filter(nearby, _NEARBY, mode="nearest") + _BLADE * spacing)
+    return np.maximum(samples, gaussian_filter(nearby, _NEARBY, mode="nearest") + least)
 
 
-def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: float) -> repair.Mesh:
-    """Return the closed surface on which the samples equal ``level``, oriented away from lower values."""
+def _isosurface(
+    samples: np.ndarray, origin: np.ndarray, spacing: float, level: float, blade: float
+) -> repair.Mesh:
+    """Return the closed surface on which the samples equal ``level``, oriented away from lower values.
+
+    It ends where it would reach less than ``blade`` samples.
+    """
     from scipy.ndimage import gaussian_filter
     from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
     from vtkmodules.vtkCommonDataModel import vtkImageData
     from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 
     # A layer of high values closes the surface; a sample exactly at the level would give faces without area.
-    samples = gaussian_filter(_opened(samples.astype(np.float64), spacing), _SMOOTHING, mode="nearest")
+    samples = gaussian_filter(
+        _opened(samples.astype(np.float64), blade * spacing), _SMOOTHING, mode="nearest"
+    )
     values = np.pad(samples - level, 1, constant_values=spacing)
     values = np.where(np.abs(values) < 1e-4 * spacing, 1e-4 * spacing, values)
     image = vtkImageData()
@@ -214,11 +226,10 @@ def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: 
     return points, repair.orient(points, triangles)
 
 
-def _tidied(cavity: repair.Mesh, field: DistanceField, wall: float, spacing: float) -> repair.Mesh:
+def _tidied(cavity: repair.Mesh, field: DistanceField, wall: float, spacing: float) -> repair.Mesh | None:
     """Return the cavity's surface with fewer, better triangles that keep clear of the outside and of each other.
 
-    A level set's noise can look like sharp edges, so none is kept unless the surface fails without. What remains
-    then is the surface with only its needless triangles gone, or as it is.
+    No edge is kept sharp, because those of a level set are ragged. Returns None when sheets of it are too close.
     """
     for flat in _FLAT:
         thinned = repair.simplify(*cavity, flat * spacing)
@@ -226,15 +237,13 @@ def _tidied(cavity: repair.Mesh, field: DistanceField, wall: float, spacing: flo
             cavity = thinned
             break
     components = surfaces.topology(cavity[1], len(cavity[0])).components
-    size, deviation = max(4 * spacing, _SIZE), min(0.5 * spacing, 0.15 * wall)
-    for ridge_deg in (180.0, 50.0):
-        try:
-            points, triangles = remesh(*cavity, size, deviation, ridge_deg)
-        except RuntimeError:
-            continue
-        clear = (
-            field.distance(np.concatenate([points, points[triangles].mean(axis=1)])).min() > _CLEARANCE * wall
+    try:
+        points, triangles = remesh(
+            *cavity, max(4 * spacing, _SIZE), min(0.5 * spacing, 0.15 * wall), ridge_deg=180.0
         )
-        if clear and surfaces.topology(triangles, len(points)).components == components:
-            return points, triangles
-    return cavity
+    except RuntimeError:
+        return None
+    nearest = field.distance(np.concatenate([points, points[triangles].mean(axis=1)])).min()
+    if nearest <= _CLEARANCE * wall or surfaces.topology(triangles, len(points)).components != components:
+        return None
+    return points, triangles
