@@ -22,7 +22,7 @@ _SHORTEST = 1.0
 _SHARE, _GROWTH = 0.3, 0.4
 #: When re-entrant ridges are many, refining all of them would leave too few elements for the rest: where strips of one
 #: size along them cover less than the first share of the surface they are refined fully, beyond the second not at all.
-_OCCUPIED = (0.1, 0.4)
+_OCCUPIED = (0.2, 0.6)
 #: Edges of the input longer than this many sizes are split, so that sizes given at vertices can vary along them.
 _LONG = 2.0
 

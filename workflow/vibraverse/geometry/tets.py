@@ -29,6 +29,8 @@ _TOLERANCE, _TRIALS, _EXPONENT = 1.15, 5, 0.55
 _THICKNESSES, _MORE = 3.0, 2.0
 #: A size at which sheets meet is followed by this share of it; when nothing else happened so often, the recipe ends.
 _STEP_BACK, _MEETINGS = 0.85, 3
+#: Sizes are not tried beyond this many times the first.
+_GROWN = 2.0
 #: How far the remade surface may be from the original: a share of the body's mean thickness, within shares of the size.
 _OF_THICKNESS, _LEAST, _MOST = 0.2, 0.1, 0.3
 #: How much gmsh's second optimiser adds to the number of elements.
@@ -152,10 +154,10 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
     """Remake the surface at the size that gives about ``target`` elements, starting from ``size``.
 
     Thin walls need triangles not much larger than they are thick: a size at which sheets cut each other is too
-    large whatever the target.
+    large whatever the target. A size far above the first one changes the shape more than the count.
     """
     tried: list[_Remade] = []
-    too_large, meetings = np.inf, 0
+    largest, too_large, meetings = _GROWN * size, np.inf, 0
     for _ in range(_TRIALS):
         try:
             points, triangles = body.remade(size, ridge_deg)
@@ -170,7 +172,7 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
         if abs(tried[-1].excess) < np.log(_TOLERANCE):
             break
         size *= float(np.clip(np.exp(_exponent(tried) * tried[-1].excess), 0.5, 2.0))
-        if size > _STEP_BACK * too_large:
+        if size > min(_STEP_BACK * too_large, largest):
             break
     if not tried:
         raise SheetsMeet(f"sheets of the surface are closer than triangles of {too_large:.3g}")
