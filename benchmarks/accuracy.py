@@ -44,7 +44,7 @@ def _row(name: str, target: int, fine: int) -> str:
 
 def _surface(object_: str, solidity: str):
     from vibraverse.geometry.clean import clean
-    from vibraverse.geometry.grids import signed_distance
+    from vibraverse.geometry.grids import Sampler
     from vibraverse.geometry.hollow import hollow
     from vibraverse.meshfiles import read_mesh
     from vibraverse.seeds import rng
@@ -57,7 +57,7 @@ def _surface(object_: str, solidity: str):
     if solidity == "solid":
         return surface
     t = float(rng(object_, "hollow").uniform(0.3, 0.7))
-    made = hollow(*surface, signed_distance(*surface, 128), t)
+    made = hollow(*surface, Sampler(*surface).signed_distance(128), t)
     return made.vertices, made.faces
 
 

@@ -111,7 +111,7 @@ def _chain(vertices, faces, name: str, row: dict, cpu: dict) -> None:
     outside = body.vertices, body.faces
     row["bodies"] = {}
     _tets("solid", outside, row, timed)
-    distance = timed("grids", grids.signed_distance, *outside, 128)
+    distance = timed("grids", lambda: grids.Sampler(*outside).signed_distance(128))
     try:
         inside = timed("hollow", hollow, *outside, distance, float(rng(name, "hollow").uniform(0.3, 0.7)))
     except Exception as error:

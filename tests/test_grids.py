@@ -9,7 +9,7 @@ import pytest
 import shapes
 from vibraverse import meshfiles
 from vibraverse.geometry import grids, surfaces
-from vibraverse.geometry.grids import cell_centres, coarse_mesh, occupancy, signed_distance, thickest_cell
+from vibraverse.geometry.grids import Sampler, cell_centres, coarse_mesh, thickest_cell
 
 
 def mesh_grid(n):
@@ -31,7 +31,7 @@ def test_samples_are_cell_centres():
 @pytest.mark.parametrize("sides", [(1.8, 1.8, 1.8), (1.8, 0.5, 0.25), (1.0, 1.75, 1.8)])
 def test_the_distance_to_a_box_is_exact(sides):
     # Sides of 0.25, 0.5, 1 and 1.75 put faces of the box exactly on cell boundaries or through cell centres.
-    found = signed_distance(*shapes.box(sides), 32)
+    found = Sampler(*shapes.box(sides)).signed_distance(32)
     wanted = box_distance(mesh_grid(32), np.array(sides) / 2)
     assert np.abs(np.abs(found) - np.abs(wanted)).max() < 2e-6
     clear = np.abs(wanted) > 1e-5
@@ -44,7 +44,7 @@ def test_the_distance_is_negative_inside_a_body_with_a_hole():
 
     mesh = torus(0.6, 0.3, major_sections=128, minor_sections=64)
     points = mesh_grid(40)
-    found = signed_distance(np.array(mesh.vertices), np.array(mesh.faces), 40)
+    found = Sampler(np.array(mesh.vertices), np.array(mesh.faces)).signed_distance(40)
     ring = np.hypot(points[..., 0], points[..., 1]) - 0.6
     assert np.abs(found - (np.hypot(ring, points[..., 2]) - 0.3)).max() < 2e-3
 
@@ -54,7 +54,7 @@ def test_rays_that_graze_edges_and_corners_are_cast_again():
     vertices = 0.9 * np.concatenate([np.eye(3), -np.eye(3)])
     faces = np.array([[0, 1, 2], [1, 3, 2], [3, 4, 2], [4, 0, 2], [1, 0, 5], [3, 1, 5], [4, 3, 5], [0, 4, 5]])
     assert surfaces.volume(vertices, faces) == pytest.approx(4 / 3 * 0.9**3)
-    inside = occupancy(vertices, faces, 33)
+    inside = Sampler(vertices, faces).occupancy(33)
     wanted = 0.9 - np.abs(mesh_grid(33)).sum(axis=-1)
     clear = np.abs(wanted) > 1e-5
     assert np.array_equal(inside[clear], wanted[clear] > 0)
@@ -64,26 +64,26 @@ def test_a_surface_with_a_hole_has_no_inside():
     vertices, faces = shapes.ball(subdivisions=2)
     without_cap = faces[vertices[faces][:, :, 2].min(axis=1) < 0.7]
     with pytest.raises(ValueError, match="never leave"):
-        occupancy(vertices, without_cap, 16)
+        Sampler(vertices, without_cap).occupancy(16)
 
 
 def test_occupancy_follows_the_cell_centres():
-    found = occupancy(*shapes.ball(radius=0.9, subdivisions=5), 16)
+    found = Sampler(*shapes.ball(radius=0.9, subdivisions=5)).occupancy(16)
     radius = np.linalg.norm(mesh_grid(16), axis=-1)
     assert found[radius < 0.899].all()
     assert not found[radius > 0.9].any()
-    fine = signed_distance(*shapes.ball(radius=0.9, subdivisions=5), 48)
+    fine = Sampler(*shapes.ball(radius=0.9, subdivisions=5)).signed_distance(48)
     # Three fine cells along each axis: the middle one's centre is the coarse centre.
     assert np.array_equal(found, fine[1::3, 1::3, 1::3] < 0)
 
 
 def test_the_box_mesh_bounds_the_occupied_cells():
-    occupied = occupancy(*shapes.ball(radius=0.7, subdivisions=4), 16)
+    occupied = Sampler(*shapes.ball(radius=0.7, subdivisions=4)).occupancy(16)
     vertices, faces = coarse_mesh(occupied)
     assert surfaces.topology(faces, len(vertices)).closed_manifold
     assert surfaces.volume(vertices, faces) == pytest.approx(occupied.sum() * (2 / 16) ** 3)
     assert np.allclose(vertices * 8, np.round(vertices * 8))
-    assert np.array_equal(occupancy(vertices, faces, 16), occupied)
+    assert np.array_equal(Sampler(vertices, faces).occupancy(16), occupied)
     assert len(np.unique(vertices, axis=0)) == len(vertices)
 
 
@@ -99,8 +99,8 @@ def test_the_box_mesh_of_one_cell_is_that_cell(cell):
 
 def test_a_body_too_thin_for_the_coarse_grid_keeps_one_cell():
     vertices, faces = shapes.box((1.8, 0.6, 0.01), centre=(0.0, 0.3, 0.0))
-    assert not occupancy(vertices, faces, 16).any()
-    distance = signed_distance(vertices, faces, 32)
+    assert not Sampler(vertices, faces).occupancy(16).any()
+    distance = Sampler(vertices, faces).signed_distance(32)
     occupied = thickest_cell(distance, 16)
     assert occupied.sum() == 1
     centre = cell_centres(16)[np.argwhere(occupied)[0]]
@@ -129,8 +129,8 @@ def test_the_stage_writes_both_grids_and_the_box_mesh(vibraverse, tmp_path):
         assert (distance.shape, distance.dtype) == ((32, 32, 32), np.float32)
         assert "1.8" in distance.attrs["unit"]
         assert "provenance" in h5.attrs
-        assert np.array_equal(occupied[:], occupancy(vertices, faces, 16))
-        assert np.array_equal(distance[:], signed_distance(vertices, faces, 32))
+        assert np.array_equal(occupied[:], Sampler(vertices, faces).occupancy(16))
+        assert np.array_equal(distance[:], Sampler(vertices, faces).signed_distance(32))
         count = int(occupied[:].sum())
     box = meshfiles.read_mesh(obj)
     assert surfaces.volume(box.vertices, box.faces) == pytest.approx(count * 0.125**3)
@@ -146,6 +146,6 @@ def test_the_stage_marks_a_cell_of_a_thin_body(vibraverse, tmp_path):
 
 
 def test_distances_are_multiples_of_a_quantum_that_compresses():
-    distance = signed_distance(*shapes.ball(subdivisions=2), 16)
+    distance = Sampler(*shapes.ball(subdivisions=2)).signed_distance(16)
     assert np.array_equal(distance / grids.QUANTUM, np.round(distance / grids.QUANTUM))
     assert (distance != 0).all()

@@ -13,7 +13,7 @@ from vibraverse import meshfiles
 from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
-from vibraverse.geometry.grids import DistanceField, signed_distance
+from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import deepest_point, hollow
 from vibraverse.refusal import Refused, read_refusal
 from vibraverse.seeds import rng
@@ -39,7 +39,7 @@ def check_hollow(body, vertices, faces):
 @pytest.fixture(scope="module")
 def ball():
     vertices, faces = shapes.ball(subdivisions=3)
-    return vertices, faces, signed_distance(vertices, faces, 48)
+    return vertices, faces, Sampler(vertices, faces).signed_distance(48)
 
 
 @pytest.mark.parametrize("t", [0.3, 0.5, 0.7])
@@ -55,7 +55,7 @@ def test_a_ball_gets_a_concentric_cavity(ball, t):
 
 def test_the_wall_of_a_box_is_as_thick_as_asked():
     vertices, faces = shapes.box((1.8, 1.0, 0.7))
-    body = hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.4)
+    body = hollow(vertices, faces, Sampler(vertices, faces).signed_distance(64), 0.4)
     points, triangles = check_hollow(body, vertices, faces)
     assert body.s_min == pytest.approx(-0.35, abs=1e-5)
     wall = np.linalg.norm(ClosestPoint(vertices, faces)(points) - points, axis=1)
@@ -71,8 +71,8 @@ def test_the_wall_of_a_box_is_as_thick_as_asked():
 def test_the_deepest_point_is_found_below_the_grid():
     vertices, faces = shapes.box((1.8, 0.731, 0.5))
     centre = np.array([0.01, 0.02, 0.0137])
-    field = DistanceField(vertices + centre, faces)
-    s_min, point = deepest_point(field, signed_distance(vertices + centre, faces, 32))
+    vertices = vertices + centre
+    s_min, point = deepest_point(ClosestPoint(vertices, faces), Sampler(vertices, faces).signed_distance(32))
     assert s_min == pytest.approx(-0.25, abs=1e-5)
     assert point[2] == pytest.approx(0.0137, abs=1e-4)
 
@@ -80,7 +80,7 @@ def test_the_deepest_point_is_found_below_the_grid():
 def test_two_rooms_joined_by_a_thin_neck_stay_two():
     (a, b), join = (shapes.ball(0.4, 3, (0, 0, z)) for z in (-0.5, 0.5)), shapes.cylinder(0.06, 0.6, 24)
     vertices, faces = repair.join([a, b, join])
-    body = hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.5)
+    body = hollow(vertices, faces, Sampler(vertices, faces).signed_distance(64), 0.5)
     check_hollow(body, vertices, faces)
     assert len(body.cavities) == 2
     assert body.cavities[0] == pytest.approx(body.cavities[1], rel=0.01)
@@ -89,7 +89,7 @@ def test_two_rooms_joined_by_a_thin_neck_stay_two():
 
 def test_a_thin_plate_is_sampled_finer():
     vertices, faces = shapes.box((1.8, 1.0, 0.12))
-    body = hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.5)
+    body = hollow(vertices, faces, Sampler(vertices, faces).signed_distance(64), 0.5)
     check_hollow(body, vertices, faces)
     # The cavity is less than two grid cells thick.
     assert body.cavities[0] == pytest.approx(1.74 * 0.94 * 0.06, rel=0.05)
@@ -99,7 +99,7 @@ def test_a_thin_plate_is_sampled_finer():
 def test_a_body_too_thin_for_a_cavity_is_refused(thickness):
     vertices, faces = shapes.box((1.8, 1.0, thickness))
     with pytest.raises(Refused) as refused:
-        hollow(vertices, faces, signed_distance(vertices, faces, 64), 0.5)
+        hollow(vertices, faces, Sampler(vertices, faces).signed_distance(64), 0.5)
     assert refused.value.reason == "too_thin"
     assert refused.value.advice
 
@@ -138,7 +138,7 @@ def test_the_stage_draws_the_wall_by_the_objects_seed(run, ball):
 
 def test_the_stage_refuses_a_thin_body(run):
     vertices, faces = shapes.box((1.8, 1.0, 0.01))
-    surface, record = run(vertices, faces, signed_distance(vertices, faces, 32))
+    surface, record = run(vertices, faces, Sampler(vertices, faces).signed_distance(32))
     assert read_refusal(surface) == read_refusal(record)
     assert read_refusal(record).reason == "too_thin"
 

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from vibraverse import meshfiles
 from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.geometry.clean import clean
-from vibraverse.geometry.grids import signed_distance
+from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import hollow
 from vibraverse.geometry.tets import tetrahedralise
 from vibraverse.physics.eigensolver import solve
@@ -60,7 +60,7 @@ def frequencies(vertices, faces, solidity: str, scale: float = 1.0) -> np.ndarra
     body = clean(vertices, faces)
     surface = body.vertices, body.faces
     if solidity == "hollow":
-        made = hollow(*surface, signed_distance(*surface, 128), 0.5)
+        made = hollow(*surface, Sampler(*surface).signed_distance(128), 0.5)
         surface = made.vertices, made.faces
     mesh = tetrahedralise(*surface)
     operators = assemble(mesh.points, mesh.cells, 2)

@@ -12,7 +12,7 @@ import pyvista
 from PIL import Image, ImageDraw
 
 from vibraverse.geometry.clean import clean
-from vibraverse.geometry.grids import signed_distance
+from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import hollow
 from vibraverse.geometry.tets import tetrahedralise
 from vibraverse.sources.families import generate
@@ -58,7 +58,7 @@ def main() -> None:
     made = generate("bell-0000")
     body = clean(made.vertices, made.faces)
     surface = body.vertices, body.faces
-    inside = hollow(*surface, signed_distance(*surface, 128), 0.4)
+    inside = hollow(*surface, Sampler(*surface).signed_distance(128), 0.4)
     solid, shell = tetrahedralise(*surface), tetrahedralise(inside.vertices, inside.faces)
     triangles = pyvista.PolyData(surface[0], np.hstack([np.full((len(surface[1]), 1), 3), surface[1]]))
     panels = [

@@ -9,8 +9,6 @@ cast again a little aside.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from vibraverse.geometry.surfaces import normals_and_areas
@@ -27,8 +25,8 @@ def cell_centres(n: int) -> np.ndarray:
     return -1.0 + (2.0 * np.arange(n) + 1.0) / n
 
 
-class DistanceField:
-    """Where a closed surface is, and on which side of it."""
+class Sampler:
+    """Samples a closed surface (V, 3), (F, 3) inside [-1, 1]³ on grids of any number of cells."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, threads: int = 1):
         from open3d.t.geometry import RaycastingScene
@@ -42,43 +40,36 @@ class DistanceField:
             np.ascontiguousarray(vertices, dtype=np.float32), np.ascontiguousarray(faces, dtype=np.uint32)
         )
 
-    @cached_property
-    def _closest(self):
-        """The search for closest points, made when it is first asked: which side a point is on needs none."""
-        from vibraverse.geometry.closest import ClosestPoint
-
-        return ClosestPoint(*self._surface)
-
-    def distance(self, points: np.ndarray) -> np.ndarray:
-        """Return the unsigned distance at ``points`` (..., 3), (...)."""
-        return self._closest.distance(points)
-
-    def contains(self, points: np.ndarray) -> np.ndarray:
-        """Return which of ``points`` (N, 3) are inside, by the majority of three rays each."""
-        inside = self._scene.compute_occupancy(
-            np.ascontiguousarray(points, dtype=np.float32), nthreads=self._threads, nsamples=3
-        )
-        return inside.numpy() > 0
-
-    def inside(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> np.ndarray:
-        """Return which points of the grid ``x`` × ``y`` × ``z`` are inside, (nx, ny, nz) bool.
+    def occupancy(self, n: int) -> np.ndarray:
+        """Return which cell centres lie inside, (n, n, n) bool.
 
         Raises ``ValueError`` when rays do not enter and leave in turn: the surface is not closed.
         """
-        nx, ny, nz = len(x), len(y), len(z)
-        column_x, column_y = np.repeat(x, ny), np.tile(y, nx)
-        spacing = float(z[1] - z[0]) if nz > 1 else 1.0
-        inside = np.zeros((nx * ny, nz), dtype=bool)
-        todo = np.arange(nx * ny)
+        x = cell_centres(n)
+        column_x, column_y = np.repeat(x, n), np.tile(x, n)
+        inside = np.zeros((n * n, n), dtype=bool)
+        todo = np.arange(n * n)
         generator = np.random.Generator(np.random.PCG64(0))
         for attempt in range(_ATTEMPTS):
-            aside = _ASIDE * spacing * attempt * generator.uniform(-1, 1, (2, len(todo)))
-            found, fair = self._columns(column_x[todo] + aside[0], column_y[todo] + aside[1], z)
+            aside = _ASIDE * (x[1] - x[0]) * attempt * generator.uniform(-1, 1, (2, len(todo)))
+            found, fair = self._columns(column_x[todo] + aside[0], column_y[todo] + aside[1], x)
             inside[todo[fair]] = found[fair]
             todo = todo[~fair]
             if not len(todo):
-                return inside.reshape(nx, ny, nz)
+                return inside.reshape(n, n, n)
         raise ValueError(f"{len(todo)} rays enter the body and never leave it")
+
+    def signed_distance(self, n: int) -> np.ndarray:
+        """Return the signed distance at the cell centres, (n, n, n) float32, negative inside.
+
+        Distances are in the units of the surface, rounded to multiples of 2⁻²⁰, about 1e-6, which compress well. What
+        is inside stays negative.
+        """
+        from vibraverse.geometry.distance import grid_distance
+
+        x = cell_centres(n)
+        steps = np.maximum(np.round(grid_distance(*self._surface, x, x, x) / QUANTUM), 1.0)
+        return (np.where(self.occupancy(n), -QUANTUM, QUANTUM) * steps).astype(np.float32)
 
     def _columns(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return what is inside along rays at ``x``, ``y`` (C, nz), and which rays enter and leave in turn (C,)."""
@@ -101,27 +92,6 @@ class DistanceField:
         crossings = np.zeros((len(x), len(z) + 1), dtype=np.int32)
         np.add.at(crossings, (ray, np.searchsorted(z, height)), entering)
         return np.cumsum(crossings, axis=1)[:, :-1] == 1, fair
-
-
-def signed_distance(vertices: np.ndarray, faces: np.ndarray, n: int, threads: int = 1) -> np.ndarray:
-    """Return the signed distance at the cell centres, (n, n, n) float32, negative inside.
-
-    The surface is closed and lies inside [-1, 1]³; distances are in its units, rounded to multiples of 2⁻²⁰, about
-    1e-6, which compress well. What is inside stays negative.
-    """
-    from vibraverse.geometry.distance import grid_distance
-
-    x = cell_centres(n)
-    inside = DistanceField(vertices, faces, threads).inside(x, x, x)
-    steps = np.maximum(np.round(grid_distance(vertices, faces, x, x, x) / QUANTUM), 1.0)
-    return (np.where(inside, -QUANTUM, QUANTUM) * steps).astype(np.float32)
-
-
-def occupancy(vertices: np.ndarray, faces: np.ndarray, n: int) -> np.ndarray:
-    """Return which cell centres lie inside the closed surface, (n, n, n) bool."""
-    field = DistanceField(vertices, faces)
-    x = cell_centres(n)
-    return field.inside(x, x, x)
 
 
 def thickest_cell(distance: np.ndarray, n: int) -> np.ndarray:

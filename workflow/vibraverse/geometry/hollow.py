@@ -13,8 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.boxes import contains
+from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
-from vibraverse.geometry.grids import DistanceField, cell_centres
+from vibraverse.geometry.grids import cell_centres
 from vibraverse.geometry.remesh import remesh
 from vibraverse.refusal import Refused
 
@@ -70,8 +72,8 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
     ``vertices`` and ``faces`` are its closed surface inside [-1, 1]³, ``distance`` (n, n, n) the signed distance at
     cell centres, ``0 < t < 1``. Raises :class:`Refused` with reason ``too_thin`` when the cavity cannot be resolved.
     """
-    field = DistanceField(vertices, faces)
-    s_min, deepest = deepest_point(field, distance)
+    closest = ClosestPoint(vertices, faces)
+    s_min, deepest = deepest_point(closest, distance)
     level, reach = t * s_min, (1 - t) * -s_min
     cell = 2.0 / distance.shape[0]
     factor = next((k for k in _FACTORS if reach * k >= _SAMPLES * cell), _FACTORS[-1])
@@ -83,7 +85,7 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
             f"a cavity of {2 * reach:.4f} cannot be resolved at {spacing:.4f}.",
             _LEAVE_OUT,
         )
-    samples = _sampled(field, distance, level, factor)
+    samples = _sampled((vertices, faces), closest, distance, level, factor)
     # A sample within half a spacing of the level has a part of its cell on either side.
     asked = float(np.clip((level - samples[0]) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
     cavity, specks = None, 0
@@ -95,7 +97,7 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
         if not kept:
             break
         cavity, specks = surfaces.joined(kept), len(shells) - len(kept)
-        tidied = _tidied(cavity, field, -level, spacing)
+        tidied = _tidied(cavity, closest, -level, spacing)
         if tidied is not None:
             cavity = tidied
             break
@@ -112,7 +114,7 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
     )
 
 
-def deepest_point(field: DistanceField, distance: np.ndarray) -> tuple[float, np.ndarray]:
+def deepest_point(closest: ClosestPoint, distance: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the least signed distance inside the body and the point where it is.
 
     Starts at the samples that are the deepest of their neighbourhood and, since depth changes no faster than
@@ -129,14 +131,14 @@ def deepest_point(field: DistanceField, distance: np.ndarray) -> tuple[float, np
     start = np.flatnonzero(candidate)
     start = start[np.argsort(distance.ravel()[start], kind="stable")][:_STARTS]
     points = cell_centres(n)[np.stack(np.unravel_index(start, distance.shape), axis=1)]
-    best = field.distance(points)
+    best = closest.distance(points)
     moves = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
     step = 1.0 / n
     while step > 1e-5:
         # A step shorter than the depth stays inside the largest ball around the point, so inside the body.
         length = np.minimum(step, 0.5 * best)
         trial = points[:, None] + length[:, None, None] * moves
-        depth = field.distance(trial)
+        depth = closest.distance(trial)
         rows, choice = np.arange(len(points)), depth.argmax(axis=1)
         gained = depth[rows, choice] - best
         points = np.where((gained > 0)[:, None], trial[rows, choice], points)
@@ -148,7 +150,7 @@ def deepest_point(field: DistanceField, distance: np.ndarray) -> tuple[float, np
 
 
 def _sampled(
-    field: DistanceField, distance: np.ndarray, level: float, factor: int
+    surface: repair.Mesh, closest: ClosestPoint, distance: np.ndarray, level: float, factor: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return samples of the signed distance around the cavity, the position of the first, and their spacing.
 
@@ -170,8 +172,8 @@ def _sampled(
     fine = map_coordinates(block, np.meshgrid(*axes, indexing="ij"), order=1)
     close = np.argwhere(np.abs(fine - level) < 0.75 * cell)
     points = origin + spacing * close
-    inside = field.contains(points)
-    measured = field.distance(points)
+    inside = contains(*surface, points)
+    measured = closest.distance(points)
     fine[tuple(close.T)] = np.where(inside, -measured, measured)
     return fine, origin, spacing
 
@@ -226,7 +228,7 @@ def _isosurface(
     return points, repair.orient(points, triangles)
 
 
-def _tidied(cavity: repair.Mesh, field: DistanceField, wall: float, spacing: float) -> repair.Mesh | None:
+def _tidied(cavity: repair.Mesh, closest: ClosestPoint, wall: float, spacing: float) -> repair.Mesh | None:
     """Return the cavity's surface with fewer, better triangles that keep clear of the outside and of each other.
 
     No edge is kept sharp, because those of a level set are ragged. Returns None when sheets of it are too close.
@@ -243,7 +245,7 @@ def _tidied(cavity: repair.Mesh, field: DistanceField, wall: float, spacing: flo
         )
     except RuntimeError:
         return None
-    nearest = field.distance(np.concatenate([points, points[triangles].mean(axis=1)])).min()
+    nearest = closest.distance(np.concatenate([points, points[triangles].mean(axis=1)])).min()
     if nearest <= _CLEARANCE * wall or surfaces.topology(triangles, len(points)).components != components:
         return None
     return points, triangles

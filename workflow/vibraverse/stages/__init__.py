@@ -6,7 +6,7 @@ VERSIONS = {
     "sources": 2,
     "clean": 2,
     "grids": 2,
-    "hollow": 3,
+    "hollow": 4,
     "tets": 3,
     "basis": 2,
     "modes": 3,

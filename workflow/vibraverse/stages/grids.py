@@ -14,8 +14,8 @@ def run(job: Job) -> None:
     from vibraverse.geometry import grids
 
     vertices, faces = meshfiles.read_ply(job.inputs["surface"])
-    occupied = grids.occupancy(vertices, faces, job.options.coarse)
-    distance = grids.signed_distance(vertices, faces, job.options.fine, job.threads)
+    body = grids.Sampler(vertices, faces, job.threads)
+    occupied, distance = body.occupancy(job.options.coarse), body.signed_distance(job.options.fine)
     if not occupied.any():
         occupied = grids.thickest_cell(distance, job.options.coarse)
     write_grids(job.outputs["grids"], occupied.astype(np.uint8), distance, job.provenance())

@@ -68,5 +68,5 @@ STAGE = Stage(
     },
     run=run,
     options=Hollow,
-    libraries=("h5py", "mmgpy", "numba", "numpy", "open3d", "pymeshlab", "vtk"),
+    libraries=("h5py", "manifold3d", "mmgpy", "numba", "numpy", "scipy", "vtk"),
 )
