@@ -53,7 +53,7 @@ def orient(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """
     n = len(faces)
     edges = surfaces.half_edges(faces)
-    left, right = _neighbours(faces)
+    left, right = surfaces.neighbours(faces)
     agree = edges[left, 0] == edges[right, 1]
     i, j = left // 3, right // 3
     # Two nodes per face, as it is and turned; an edge joins the states in which its faces agree.
@@ -76,19 +76,10 @@ def parts(vertices: np.ndarray, faces: np.ndarray) -> list[Mesh]:
 
     Bodies that share only points, or an edge at which four faces meet, are parts of their own.
     """
-    left, right = _neighbours(faces)
+    left, right = surfaces.neighbours(faces)
     graph = coo_array((np.ones(len(left), np.int8), (left // 3, right // 3)), shape=(len(faces),) * 2)
     n, label = connected_components(graph, directed=False)
     return [surfaces.compact(vertices, faces[label == i]) for i in range(n)]
-
-
-def _neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the half-edges that meet in the edges of exactly two faces, as two arrays."""
-    keys = surfaces.edge_keys(surfaces.half_edges(faces))
-    order = np.argsort(keys, kind="stable")
-    start = np.flatnonzero(np.r_[True, np.diff(keys[order]) != 0])
-    start = start[np.diff(np.r_[start, len(keys)]) == 2]
-    return order[start], order[start + 1]
 
 
 def _meshlab(vertices: np.ndarray, faces: np.ndarray):

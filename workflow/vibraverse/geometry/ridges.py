@@ -27,7 +27,8 @@ def ridges(vertices: np.ndarray, faces: np.ndarray, angle_deg: float, shortest: 
 def reentrant_ridges(
     vertices: np.ndarray, faces: np.ndarray, angle_deg: float, shortest: float = 0.0
 ) -> np.ndarray:
-    """Return those edges (E, 2) of :func:`ridges` at which the surface bends inwards."""
+    """Return the edges (E, 2) at which a closed surface bends inwards by more than ``angle_deg``, narrow grooves among
+    them; ridges that extend less than ``shortest`` are left out."""
     edges, turn, inwards = _edges(vertices, faces)
     return _extended(vertices, edges[(turn > angle_deg) & inwards], shortest)
 
@@ -47,8 +48,7 @@ def _extended(vertices: np.ndarray, sharp: np.ndarray, shortest: float) -> np.nd
 def _edges(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return every edge (E, 2) of a closed surface, by how many degrees its normal turns, and whether inwards (E,)."""
     edges = surfaces.half_edges(faces)
-    order = np.argsort(surfaces.edge_keys(edges), kind="stable")
-    left, right = order[0::2], order[1::2]
+    left, right = surfaces.neighbours(faces)
     normals, _ = surfaces.normals_and_areas(vertices, faces)
     cosine = np.einsum("ij,ij->i", normals[left // 3], normals[right // 3])
     # The corner of the right face that is not on the edge lies above the left face where the surface bends inwards.

@@ -59,6 +59,15 @@ def edge_keys(edges: np.ndarray) -> np.ndarray:
     return low * (int(high.max(initial=0)) + 1) + high
 
 
+def neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the half-edges that meet in the edges of exactly two faces, as two arrays of their numbers (E,)."""
+    keys = edge_keys(half_edges(faces))
+    order = np.argsort(keys, kind="stable")
+    start = np.flatnonzero(np.r_[True, np.diff(keys[order]) != 0])
+    start = start[np.diff(np.r_[start, len(keys)]) == 2]
+    return order[start], order[start + 1]
+
+
 def edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return the lengths of the edges of every face, (F, 3)."""
     edges = half_edges(faces)
