@@ -1,9 +1,9 @@
 """Remesh a closed surface to a wanted triangle size without losing its shape or its volume.
 
 Triangles inscribed in a curved surface lose volume, and a body's frequencies follow: an inscribed sphere rings
-too high. So the surface is remade in two steps. Mmg finds the ridges and makes well-shaped triangles within a
-bounded distance of the surface. Then the vertices move so that every triangle lies half inside and half
-outside the original: the mean height ``h_f`` of the original above face ``f`` is measured at three points, and
+too high. So the surface is remade in two steps. Mmg keeps the ridges that it is told
+(:mod:`vibraverse.geometry.ridges`) and makes well-shaped triangles within a bounded distance of the surface. Then
+the vertices move so that every triangle lies half inside and half outside the original: the mean height ``h_f`` of the original above face ``f`` is measured at three points, and
 each vertex takes the displacement ``u`` that minimises ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over its faces.
 Planes and ridges stay where they are because the original has no height above their faces. What volume is then
 still missing comes from the vertices that moved, along their normals and in proportion.
@@ -22,6 +22,7 @@ from vibraverse.geometry.surfaces import (
     fan_labels,
     half_edges,
     normals_and_areas,
+    steps_to_heights,
     topology,
     vertex_normals,
     volume,
@@ -137,19 +138,11 @@ def _fitted(closest: ClosestPoint, wanted: float, points: np.ndarray, triangles:
 
 def _displacements(points: np.ndarray, triangles: np.ndarray, closest: ClosestPoint) -> np.ndarray:
     """Return the least-squares displacement of every vertex, (P, 3)."""
-    normals, areas = normals_and_areas(points, triangles)
+    normals, _ = normals_and_areas(points, triangles)
     samples = np.einsum("sc,fcd->fsd", _SAMPLES, points[triangles])
     offsets = closest(samples.reshape(-1, 3)).reshape(samples.shape) - samples
     heights = np.einsum("fsd,fd->f", offsets, normals) / len(_SAMPLES)
-    corner = triangles.ravel()
-    matrix, vector = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
-    np.add.at(
-        matrix, corner, np.repeat(areas[:, None, None] * normals[:, :, None] * normals[:, None, :], 3, axis=0)
-    )
-    np.add.at(vector, corner, np.repeat((areas * heights)[:, None] * normals, 3, axis=0))
-    weight = np.trace(matrix, axis1=1, axis2=2)
-    matrix += (_STIFFNESS * weight + (weight == 0))[:, None, None] * np.eye(3)
-    return np.linalg.solve(matrix, vector[:, :, None])[:, :, 0]
+    return steps_to_heights(points, triangles, heights, _STIFFNESS)
 
 
 def move(points: np.ndarray, step: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -37,12 +37,5 @@ def thicken(vertices: np.ndarray, faces: np.ndarray, thickness: float) -> tuple[
 
 def _mitred(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return d (V, 3) with ``n·d = 1`` for the normals around in the sense of least squares, weighted by area."""
-    normals, areas = surfaces.normals_and_areas(points, faces)
-    matrix, vector = np.zeros((len(points), 3, 3)), np.zeros((len(points), 3))
-    outer = (areas[:, None] * normals)[:, :, None] * normals[:, None, :]
-    np.add.at(matrix, faces.ravel(), np.repeat(outer, 3, axis=0))
-    np.add.at(vector, faces.ravel(), np.repeat(areas[:, None] * normals, 3, axis=0))
-    weight = np.trace(matrix, axis1=1, axis2=2)
-    matrix += (_ALONG * weight + (weight == 0))[:, None, None] * np.eye(3)
-    d = np.linalg.solve(matrix, vector[:, :, None])[:, :, 0]
+    d = surfaces.steps_to_heights(points, faces, 1.0, _ALONG)
     return d * np.minimum(1.0, _MITRE / np.maximum(np.linalg.norm(d, axis=1), 1e-300))[:, None]

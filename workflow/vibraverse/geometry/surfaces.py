@@ -43,6 +43,25 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return total / np.maximum(np.linalg.norm(total, axis=1), 1e-300)[:, None]
 
 
+def steps_to_heights(
+    vertices: np.ndarray, faces: np.ndarray, heights: np.ndarray | float, stiffness: float
+) -> np.ndarray:
+    """Return the steps ``u`` of the vertices (V, 3) that lift every face by its height ``h_f``, as nearly as can be.
+
+    Each vertex takes the one that minimises ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over the faces around it.
+    ``heights`` is one length or one per face (F,); the ``stiffness`` ε keeps a vertex from sliding along its surface.
+    """
+    normals, areas = normals_and_areas(vertices, faces)
+    corner = faces.ravel()
+    matrix, vector = np.zeros((len(vertices), 3, 3)), np.zeros((len(vertices), 3))
+    outer = (areas[:, None] * normals)[:, :, None] * normals[:, None, :]
+    np.add.at(matrix, corner, np.repeat(outer, 3, axis=0))
+    np.add.at(vector, corner, np.repeat((areas * heights)[:, None] * normals, 3, axis=0))
+    weight = np.trace(matrix, axis1=1, axis2=2)
+    matrix += (stiffness * weight + (weight == 0))[:, None, None] * np.eye(3)
+    return np.linalg.solve(matrix, vector[:, :, None])[:, :, 0]
+
+
 def area(vertices: np.ndarray, faces: np.ndarray) -> float:
     """Return the total area."""
     return float(normals_and_areas(vertices, faces)[1].sum())
