@@ -3,10 +3,11 @@
 Triangles inscribed in a curved surface lose volume, and a body's frequencies follow: an inscribed sphere rings
 too high. So the surface is remade in two steps. Mmg keeps the ridges that it is told
 (:mod:`vibraverse.geometry.ridges`) and makes well-shaped triangles within a bounded distance of the surface. Then
-the vertices move so that every triangle lies half inside and half outside the original: the mean height ``h_f`` of the original above face ``f`` is measured at three points, and
-each vertex takes the displacement ``u`` that minimises ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over its faces.
-Planes and ridges stay where they are because the original has no height above their faces. What volume is then
-still missing comes from the vertices that moved, along their normals and in proportion.
+the vertices move so that every triangle lies half inside and half outside the original: the mean height ``h_f`` of
+the original above face ``f`` is measured at three points, and each vertex takes the displacement ``u`` that minimises
+``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over its faces. Planes and ridges stay where they are because the original
+has no height above their faces. What volume is then still missing comes from the vertices that moved, along their
+normals and in proportion.
 """
 
 from __future__ import annotations
@@ -17,10 +18,9 @@ from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.ridges import ridges
 from vibraverse.geometry.surfaces import (
-    edge_keys,
     edge_lengths,
-    fan_labels,
-    half_edges,
+    edge_numbers,
+    fans,
     normals_and_areas,
     steps_to_heights,
     topology,
@@ -82,12 +82,11 @@ def _spoilt(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Return the faces (F,) that cut another one, or touch another at an edge or a point of their own."""
     if topology(triangles, len(points)).closed_manifold:
         return crossing_faces(points, triangles)
-    _, edge, count = np.unique(edge_keys(half_edges(triangles)), return_inverse=True, return_counts=True)
+    edge, count = edge_numbers(triangles)
     torn = (count[edge] != 2).reshape(-1, 3).any(axis=1)
     # Fans share no edge: a vertex with two of them is where the surface pinches itself.
-    _, first = np.unique(fan_labels(triangles, edge), return_index=True)
-    fans = np.bincount(triangles.ravel()[first], minlength=len(points))
-    return torn | (fans[triangles] > 1).any(axis=1)
+    around = np.bincount(fans(triangles, edge)[1], minlength=len(points))
+    return torn | (around[triangles] > 1).any(axis=1)
 
 
 def _mmg(

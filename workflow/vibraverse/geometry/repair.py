@@ -158,12 +158,7 @@ def separate(vertices: np.ndarray, faces: np.ndarray, distance: float) -> Mesh:
     Faces around an edge pair up across the solid between them, each fan of faces gets its own copy of a vertex, and the
     copies move into their fans by ``distance``, or by less where the faces are small.
     """
-    keys = surfaces.edge_keys(surfaces.half_edges(faces))
-    _, edge, count = np.unique(keys, return_inverse=True, return_counts=True)
-    edge = _paired(vertices, faces, edge, count)
-    fan = surfaces.fan_labels(faces, edge)
-    _, first, fan = np.unique(fan, return_index=True, return_inverse=True)
-    source = faces.ravel()[first]
+    fan, source = surfaces.fans(faces, _paired(vertices, faces, *surfaces.edge_numbers(faces)))
     split = np.bincount(source, minlength=len(vertices))[source] > 1
     points, faces = vertices[source], fan.reshape(-1, 3)
     if split.any():

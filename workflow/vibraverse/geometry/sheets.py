@@ -20,13 +20,10 @@ def thicken(vertices: np.ndarray, faces: np.ndarray, thickness: float) -> tuple[
     sheet of area A becomes a plate of volume ``A t``, and a folded one keeps its thickness along the fold. The plate
     cuts itself where the sheet bends more tightly than half its thickness.
     """
-    _, edge, count = np.unique(
-        surfaces.edge_keys(surfaces.half_edges(faces)), return_inverse=True, return_counts=True
-    )
+    edge, count = surfaces.edge_numbers(faces)
     # Where the sheet only touches itself in a point, every fan of faces gets its own.
-    fan = surfaces.fan_labels(faces, edge)
-    _, first = np.unique(fan, return_index=True)
-    points, faces = vertices[faces.ravel()[first]], fan.reshape(-1, 3)
+    fan, source = surfaces.fans(faces, edge)
+    points, faces = vertices[source], fan.reshape(-1, 3)
     step = 0.5 * thickness * _mitred(points, faces)
     n = len(points)
     rim = surfaces.half_edges(faces)[count[edge] == 1]

@@ -78,6 +78,12 @@ def edge_keys(edges: np.ndarray) -> np.ndarray:
     return low * (int(high.max(initial=0)) + 1) + high
 
 
+def edge_numbers(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the number of every half-edge's undirected edge (3F,), and how many faces every edge has (E,)."""
+    _, number, count = np.unique(edge_keys(half_edges(faces)), return_inverse=True, return_counts=True)
+    return number, count
+
+
 def neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the half-edges that meet in the edges of exactly two faces, as two arrays of their numbers (E,)."""
     keys = edge_keys(half_edges(faces))
@@ -164,8 +170,8 @@ def topology(faces: np.ndarray, n_vertices: int) -> Topology:
     if not len(faces):
         return Topology(0, 0, 0, 0, 0, 0, 0)
     edges = half_edges(faces)
-    _, inverse, counts = np.unique(edge_keys(edges), return_inverse=True, return_counts=True)
-    turned = np.bincount(inverse, weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
+    edge, counts = edge_numbers(faces)
+    turned = np.bincount(edge, weights=np.where(edges[:, 0] < edges[:, 1], 1.0, -1.0))
     degenerate = (
         (faces[:, 0] == faces[:, 1]) | (faces[:, 1] == faces[:, 2]) | (faces[:, 2] == faces[:, 0])
     ).sum()
@@ -174,23 +180,19 @@ def topology(faces: np.ndarray, n_vertices: int) -> Topology:
         open_edges=int((counts == 1).sum()),
         crowded_edges=int((counts > 2).sum()),
         disagreeing_edges=int(((counts == 2) & (turned != 0)).sum()),
-        pinched_vertices=fan_count(faces, inverse) - used,
+        pinched_vertices=len(fans(faces, edge)[1]) - used,
         degenerate_faces=int(degenerate),
         components=int(face_components(faces, n_vertices).max()) + 1,
         euler=used - len(counts) + len(faces),
     )
 
 
-def fan_count(faces: np.ndarray, edge_of: np.ndarray) -> int:
-    """Return the number of fans: sets of corners at one vertex joined through shared edges.
+def fans(faces: np.ndarray, edge_of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the fan of every face corner (3F,), in the order of ``faces.ravel()``, and the vertex of every fan (N,).
 
-    ``edge_of`` (3F,) numbers the undirected edge of every half-edge. A manifold surface has one fan per vertex.
+    A fan is a set of corners at one vertex joined through shared edges: a manifold surface has one per vertex.
+    ``edge_of`` (3F,) numbers the edge of every half-edge, as :func:`edge_numbers` does.
     """
-    return int(fan_labels(faces, edge_of).max()) + 1
-
-
-def fan_labels(faces: np.ndarray, edge_of: np.ndarray) -> np.ndarray:
-    """Return the number of the fan of every face corner, (3F,) in the order of ``faces.ravel()``."""
     n = 3 * len(faces)
     corner = np.arange(n)
     after = corner - corner % 3 + (corner + 1) % 3
@@ -205,4 +207,7 @@ def fan_labels(faces: np.ndarray, edge_of: np.ndarray) -> np.ndarray:
         [np.where(aligned, second, after[second]), np.where(aligned, after[second], second)]
     )
     graph = coo_array((np.ones(len(left), np.int8), (left, right)), shape=(n, n))
-    return connected_components(graph, directed=False)[1]
+    number, label = connected_components(graph, directed=False)
+    vertex = np.empty(number, dtype=np.int64)
+    vertex[label] = ends
+    return label.astype(np.int64), vertex
