@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.geometry import LONGEST_SIDE, repair, surfaces
+from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.deviation import EXACT, Deviation, deviation
 from vibraverse.geometry.judge import Sheet, Unfit, counted, judge
 from vibraverse.geometry.ladder import RUNGS, SHEET_RUNGS, Climb, climb
@@ -109,7 +109,7 @@ def clean(
     )
 
 
-def _climbed(soup: repair.Mesh, max_dropped: float, open_sheets: str, thickness: float) -> Climb:
+def _climbed(soup: Mesh, max_dropped: float, open_sheets: str, thickness: float) -> Climb:
     """Climb the ladder; an open sheet is refused or climbs the one for sheets."""
     failed: list[dict[str, str]] = []
     try:
@@ -150,7 +150,7 @@ def _is_flat(vertices: np.ndarray) -> bool:
     return bool(extents[2] < _PLANE * extents[0])
 
 
-def _thin_out(vertices: np.ndarray, faces: np.ndarray) -> tuple[repair.Mesh, list[str]]:
+def _thin_out(vertices: np.ndarray, faces: np.ndarray) -> tuple[Mesh, list[str]]:
     """Thin a very dense surface when that changes neither its volume nor its validity."""
     if len(faces) <= _DENSE:
         return (vertices, faces), []

@@ -13,11 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.geometry import surfaces
+from vibraverse.geometry import Mesh, surfaces
 from vibraverse.geometry.boxes import contains
 from vibraverse.geometry.closest import ClosestPoint
-
-Mesh = tuple[np.ndarray, np.ndarray]
 
 #: The wanted spacing h as a share of the diagonal, and the number of samples a surface may have.
 _SPACING, _SAMPLES = 0.01, 40_000

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.geometry.surfaces import normals_and_areas
 
 #: Sideways steps tried for a ray that grazes an edge, in cells.
@@ -106,7 +107,7 @@ def thickest_cell(distance: np.ndarray, n: int) -> np.ndarray:
     return occupied
 
 
-def coarse_mesh(occupied: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def coarse_mesh(occupied: np.ndarray) -> Mesh:
     """Return the box mesh of an occupancy grid: vertices (V, 3) in [-1, 1]³ and triangles (F, 3), outward.
 
     Every side between an occupied and an empty cell becomes two triangles; corners are shared. Where cells meet

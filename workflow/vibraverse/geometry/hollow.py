@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry import Mesh, repair, surfaces
 from vibraverse.geometry.boxes import contains
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
@@ -150,7 +150,7 @@ def deepest_point(closest: ClosestPoint, distance: np.ndarray) -> tuple[float, n
 
 
 def _sampled(
-    surface: repair.Mesh, closest: ClosestPoint, distance: np.ndarray, level: float, factor: int
+    surface: Mesh, closest: ClosestPoint, distance: np.ndarray, level: float, factor: int
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return samples of the signed distance around the cavity, the position of the first, and their spacing.
 
@@ -190,9 +190,7 @@ def _opened(samples: np.ndarray, least: float) -> np.ndarray:
     return np.maximum(samples, gaussian_filter(nearby, _NEARBY, mode="nearest") + least)
 
 
-def _isosurface(
-    samples: np.ndarray, origin: np.ndarray, spacing: float, level: float, blade: float
-) -> repair.Mesh:
+def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: float, blade: float) -> Mesh:
     """Return the closed surface on which the samples equal ``level``, oriented away from lower values.
 
     It ends where it would reach less than ``blade`` samples.
@@ -228,7 +226,7 @@ def _isosurface(
     return points, repair.orient(points, triangles)
 
 
-def _tidied(cavity: repair.Mesh, closest: ClosestPoint, wall: float, spacing: float) -> repair.Mesh | None:
+def _tidied(cavity: Mesh, closest: ClosestPoint, wall: float, spacing: float) -> Mesh | None:
     """Return the cavity's surface with fewer, better triangles that keep clear of the outside and of each other.
 
     No edge is kept sharp, because those of a level set are ragged. Returns None when sheets of it are too close.

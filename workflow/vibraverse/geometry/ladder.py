@@ -11,12 +11,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vibraverse.geometry import LONGEST_SIDE, repair, surfaces
+from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.boxes import contains
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.deviation import Deviation, deviation
 from vibraverse.geometry.judge import Scattered, Sheet, Unfit, counted, judge, without_area
-from vibraverse.geometry.repair import Mesh
 from vibraverse.geometry.sheets import thicken
 from vibraverse.geometry.wrapping import draw_in
 from vibraverse.refusal import Refused

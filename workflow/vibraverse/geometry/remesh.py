@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.ridges import ridges
@@ -52,7 +53,7 @@ def remesh(
     deviation: float,
     ridge_deg: float = 35.0,
     rounds: int = 5,
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Mesh:
     """Return the closed surface remade with edges of about ``sizes``, of the same volume, not cutting itself.
 
     ``sizes`` is one length or one per vertex (V,). ``deviation`` bounds the distance from the original: where the
@@ -91,7 +92,7 @@ def _spoilt(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 def _mmg(
     vertices: np.ndarray, faces: np.ndarray, sizes: np.ndarray, deviation: float, sharp: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+) -> Mesh:
     """Run Mmg's surface remesher with a wanted size (V,) at every vertex and edges (E, 2) to keep sharp."""
     from mmgpy import MmgMeshS
 

@@ -1,7 +1,7 @@
 """Gentle repairs of a triangle soup: weld, drop what is doubled, orient, close, unite, wrap.
 
 Every function takes and returns arrays and changes as little as its name says. The ladder that decides which
-of them a mesh needs is in :mod:`vibraverse.geometry.clean`.
+of them a mesh needs is in :mod:`vibraverse.geometry.ladder`.
 """
 
 from __future__ import annotations
@@ -10,9 +10,7 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from vibraverse.geometry import surfaces
-
-Mesh = tuple[np.ndarray, np.ndarray]
+from vibraverse.geometry import Mesh, surfaces
 
 #: Triangles longer than this many times their height are caps.
 _CAP = 1e9

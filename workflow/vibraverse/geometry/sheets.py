@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.geometry import surfaces
+from vibraverse.geometry import Mesh, surfaces
 
 #: A vertex moves by at most this many half thicknesses, however sharp the fold it is on.
 _MITRE = 3.0
@@ -12,7 +12,7 @@ _MITRE = 3.0
 _ALONG = 1e-6
 
 
-def thicken(vertices: np.ndarray, faces: np.ndarray, thickness: float) -> tuple[np.ndarray, np.ndarray]:
+def thicken(vertices: np.ndarray, faces: np.ndarray, thickness: float) -> Mesh:
     """Return the plate around an oriented sheet (V, 3), (F, 3), closed, its triangles at half the thickness on both
     sides.
 

@@ -13,6 +13,8 @@ import numpy as np
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from vibraverse.geometry import Mesh
+
 
 def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
     """Return the volume enclosed by a closed, oriented surface (negative when it is turned inside out)."""
@@ -113,14 +115,14 @@ def face_components(faces: np.ndarray, n_vertices: int) -> np.ndarray:
     return np.argsort(np.argsort(first))[inverse]
 
 
-def compact(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def compact(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     """Drop the vertices that no face uses; the order of the others stays."""
     used = np.zeros(len(vertices), dtype=bool)
     used[faces.ravel()] = True
     return vertices[used], (np.cumsum(used) - 1)[faces]
 
 
-def joined(meshes: list[tuple[np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray]:
+def joined(meshes: list[Mesh]) -> Mesh:
     """Return several meshes as one, in their order."""
     offsets = np.cumsum([0, *(len(vertices) for vertices, _ in meshes)])
     return (

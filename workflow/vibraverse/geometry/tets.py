@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.geometry import quality, surfaces
+from vibraverse.geometry import Mesh, quality, surfaces
 from vibraverse.geometry.fill import ALGORITHMS, fill
 from vibraverse.geometry.remesh import SheetsMeet, remesh
 from vibraverse.geometry.sight import depth_below
@@ -144,7 +144,7 @@ class _Body:
             low, high = (middle, high) if self.count_at(middle) > count else (low, middle)
         return float(high)
 
-    def remade(self, size: float, ridge_deg: float) -> tuple[np.ndarray, np.ndarray]:
+    def remade(self, size: float, ridge_deg: float) -> Mesh:
         """Return the surface with triangles of about ``size``."""
         deviation = np.clip(_OF_THICKNESS * self.thickness, _LEAST * size, _MOST * size)
         return remesh(*sized(*self._surface, size), float(deviation), ridge_deg)

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.geometry import surfaces
+from vibraverse.geometry import Mesh, surfaces
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.remesh import move
 from vibraverse.geometry.sight import depth_below
-
-Mesh = tuple[np.ndarray, np.ndarray]
 
 #: A wrap moves back in at most so many steps; each is left out where the wrap would cut itself.
 _STEPS = 8

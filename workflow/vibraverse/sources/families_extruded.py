@@ -9,8 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.sources.planar import soften, subtract, unite
-from vibraverse.sources.profiles import Surface, arc, circle, extrude, polygon, rounded, turned, wall
+from vibraverse.sources.profiles import arc, circle, extrude, polygon, rounded, turned, wall
 from vibraverse.sources.shape import Shape, between, one_of
 
 
@@ -24,7 +25,7 @@ class Bar(Shape):
     undercut: float = between(0.2, 0.4)
     span: float = between(0.45, 0.62)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Extrude the side view across the width and lay the bar flat."""
         t, depth, half = self.thickness, self.undercut * self.thickness, self.span / 2
         x = np.linspace(-half, half, 60)
@@ -44,7 +45,7 @@ class TuningFork(Shape):
     stem: float = between(0.28, 0.4)
     thickness: float = between(0.06, 0.09)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Extrude a U with a stem that ends in a ball."""
         inner, outer = self.gap / 2, self.gap / 2 + self.tine
         yoke = arc((0.0, 0.0), outer, 180, 360, 40)
@@ -70,7 +71,7 @@ class Gear(Shape):
     thickness: float = between(0.2, 0.45)
     holes: int = one_of(0, 4, 5, 6)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Extrude a wheel of trapezoid teeth."""
         pitch = 2 * np.pi / self.teeth
         root = 1.0 - self.depth
@@ -100,7 +101,7 @@ class Wrench(Shape):
     tilt_deg: float = between(0.0, 18.0)
     thickness: float = between(0.06, 0.09)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Extrude a shaft joined to a head with a slot and an eye with a hexagonal hole."""
         h, r = self.head, self.ring
         head, eye = circle((-0.5 + h, 0.0), h), circle((0.5 - r, 0.0), r)
@@ -121,7 +122,7 @@ class Chime(Shape):
     hole: float = between(0.03, 0.045)
     thickness: float = between(0.055, 0.075)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Extrude a rounded rectangle with holes at a free bar's nodes, 0.224 of its length from the ends."""
         w = self.width
         sheet = rounded(-0.5, 0.5, -w / 2, w / 2, self.corner * w)
@@ -139,7 +140,7 @@ class Horseshoe(Shape):
     taper: float = between(0.7, 0.9)
     thickness: float = between(0.07, 0.11)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Extrude a band along an open ellipse."""
         half = self.opening_deg / 2
         line = arc((0.0, 0.0), (0.4, 0.46), -90 + half, 270 - half, 120)
@@ -158,7 +159,7 @@ class Star(Shape):
     inner: float = between(0.45, 0.6)
     thickness: float = between(0.11, 0.2)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Extrude a rounded star."""
         n = 2 * self.points
         radii = np.where(np.arange(n) % 2 == 0, 1.0, self.inner)
@@ -180,7 +181,7 @@ class Key(Shape):
     wards: int = between(1, 2)
     thickness: float = between(0.06, 0.08)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Extrude bow, shank and bit."""
         b, s = self.bow, self.shank / 2
         bow = arc((-0.5 + b, 0.0), (b, 1.15 * b), 0, 360, 49)[:-1]

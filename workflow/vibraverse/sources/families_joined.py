@@ -11,9 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.seeds import rng
 from vibraverse.sources.planar import half_plane, soften
-from vibraverse.sources.profiles import Surface, arc, extrude, revolve, rounded, smooth_curve, tube, wall
+from vibraverse.sources.profiles import arc, extrude, revolve, rounded, smooth_curve, tube, wall
 from vibraverse.sources.shape import Shape, between, one_of
 from vibraverse.sources.solids import evened, place, solid, union
 
@@ -29,7 +30,7 @@ class Cup(Shape):
     handle_radius: float = between(0.1, 0.13)
     thickness: float = between(0.15, 0.18)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Join a beaker and a bent tube, whose ends are trimmed in the middle of the beaker's wall."""
         h, w = self.height, self.waist
         corner = arc((w - 0.25, 0.25), 0.25, -90, -5, 10)
@@ -55,7 +56,7 @@ class Box(Shape):
     overhang: float = between(0.03, 0.05)
     knob: float = between(0.07, 0.1)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Join body, lid and knob, minus the inside, which a slot in the front opens: one surface, no cavity."""
         x, y, z, t, over = 1.0, self.depth, self.height, self.thickness, 2 * self.overhang
         body = solid(extrude([_box_outline(x, y, 0.1)], z, 0.03))
@@ -78,7 +79,7 @@ class Spoon(Shape):
     handle: float = between(0.07, 0.1)
     thickness: float = between(0.06, 0.07)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Join a bowl, stretched to an ellipse, and a handle that widens to its end."""
         b, t = self.bowl, self.thickness
         line = smooth_curve([(0.0, -self.depth * b), (0.6, -0.75 * self.depth * b), (1.0, 0.0)], 40)
@@ -106,7 +107,7 @@ class Blob(Shape):
     blend: float = between(0.1, 0.25)
     arrangement: int = between(0, 999_999)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Take the level set of the smooth minimum of distances: ``-k log sum exp(-d_i / k) = 0``."""
         from manifold3d import Manifold
 
@@ -143,7 +144,7 @@ class Pan(Shape):
     handle_width: float = between(0.24, 0.3)
     thickness: float = between(0.185, 0.205)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Join a shallow pan and a flat handle with an eye."""
         t, d = self.thickness, self.depth
         bend = arc((0.7, 0.18), 0.18, -90, -20, 10)
@@ -168,7 +169,7 @@ class Hammer(Shape):
     face: float = between(0.07, 0.09)
     handle: float = between(0.04, 0.05)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Join head, neck and handle."""
         f, half = self.face, self.head / 2
         profile = [
@@ -198,7 +199,7 @@ class Stool(Shape):
     leg: float = between(0.09, 0.11)
     seat: float = between(0.16, 0.22)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Join seat, legs and ring."""
         h, s = self.height, self.seat
         seat = place(solid(revolve(half_plane(rounded(-0.2, 1.0, 0.0, s, 0.07)), 0.07)), z=h - s)
@@ -225,7 +226,7 @@ class Teapot(Shape):
     handle: float = between(0.65, 0.8)
     thickness: float = between(0.2, 0.22)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Join pot, spout, handle and knob, minus the inside, which opens through the spout."""
         h, t = self.height, self.thickness
         outline = smooth_curve([(0.62, 0.0), (0.98, 0.4 * h), (0.8, 0.78 * h), (0.45, h)], 60)
@@ -256,7 +257,7 @@ class Triangle(Shape):
     opening: float = between(0.1, 0.2)
     bend: float = between(0.08, 0.12)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Sweep a circle along a triangle with round corners, open at one."""
         corners = np.array([(-0.5, 0.0), (0.5, 0.0), (0.0, 0.866)])
         path = [corners[0] + (corners[1] - corners[0]) * self.opening]
@@ -278,7 +279,7 @@ class Knot(Shape):
     radius: float = between(0.28, 0.38)
     lift: float = between(0.85, 1.1)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Sweep a circle along the closed curve (sin t + 2 sin 2t, cos t - 2 cos 2t, -sin 3t)."""
         t = np.linspace(0, 2 * np.pi, 400, endpoint=False)
         curve = np.stack(

@@ -10,8 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.sources.planar import half_plane
-from vibraverse.sources.profiles import Surface, arc, revolve, rounded, smooth_curve, wall
+from vibraverse.sources.profiles import arc, revolve, rounded, smooth_curve, wall
 from vibraverse.sources.shape import Shape, between
 
 
@@ -25,7 +26,7 @@ class Bowl(Shape):
     fullness: float = between(0.0, 1.0)
     thickness: float = between(0.115, 0.15)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a wall with a foot ring."""
         belly = 0.72 + 0.13 * self.fullness
         line = [(0.0, 0.0), (0.45, 0.03), (belly, 0.34 * self.depth), (0.94, 0.7 * self.depth)]
@@ -44,7 +45,7 @@ class SingingBowl(Shape):
     mouth: float = between(0.8, 0.93)
     thickness: float = between(0.13, 0.18)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a wall that thickens to its rim."""
         d = self.depth
         line = [(0.0, 0.0), (self.bottom, 0.02), (0.88, 0.26 * d), (1.0, 0.58 * d), (self.mouth, d)]
@@ -61,7 +62,7 @@ class Bell(Shape):
     crown: float = between(0.16, 0.22)
     thickness: float = between(0.115, 0.14)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a wall, thickest near its lip, with a ball on top."""
         h, w = self.height, self.waist
         line = [
@@ -93,7 +94,7 @@ class Vase(Shape):
     lip: float = between(0.6, 0.8)
     thickness: float = between(0.155, 0.19)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a wall."""
         h, at = self.height, self.belly_at
         line = [(0.0, 0.0), (self.foot - 0.1, 0.0), (self.foot + 0.07, 0.1), (0.92, at * h)]
@@ -111,7 +112,7 @@ class Bottle(Shape):
     neck: float = between(0.36, 0.44)
     thickness: float = between(0.185, 0.21)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a wall with a collar."""
         h, s, n = self.height, self.shoulder, self.neck
         corner = arc((0.72, 0.28), 0.28, -90, 0, 12)
@@ -135,7 +136,7 @@ class Goblet(Shape):
     foot: float = between(0.72, 0.9)
     thickness: float = between(0.145, 0.17)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a cup's wall on a solid stem and foot."""
         z, c, r = self.stem, self.cup, self.stem_radius
         line = [(0.0, z), (0.45, z + 0.06), (0.86, z + 0.33 * c), (0.93, z + 0.55 * c), (self.mouth, z + c)]
@@ -156,7 +157,7 @@ class Plate(Shape):
     rise: float = between(0.16, 0.3)
     thickness: float = between(0.11, 0.13)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a wall with a foot ring."""
         w, z = self.well, self.rise
         line = [(0.0, 0.0), (0.5 * w, 0.0), (w - 0.05, 0.015), (w + 0.07, 0.6 * z), (1.0, z)]
@@ -174,7 +175,7 @@ class Gong(Shape):
     rim: float = between(0.2, 0.34)
     thickness: float = between(0.113, 0.13)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a wall."""
         b, h = self.boss, self.boss_height
         dome = arc((0.0, 0.0), (b, h), 90, 20, 20)
@@ -195,7 +196,7 @@ class Cymbal(Shape):
     hole: float = between(0.06, 0.1)
     thickness: float = between(0.107, 0.12)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a wall that leaves a hole."""
         top = self.bow + self.cup_height
         line = [(self.hole + 0.06, top), (0.6 * self.cup + 0.08, top - 0.25 * self.cup_height)]
@@ -212,7 +213,7 @@ class Ring(Shape):
     thickness: float = between(0.15, 0.3)
     roundness: float = between(0.25, 0.5)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a rounded rectangle."""
         t, w = self.thickness, self.width
         section = rounded(1.0 - t, 1.0, -w / 2, w / 2, self.roundness * min(t, w) * 0.98)
@@ -227,7 +228,7 @@ class Pipe(Shape):
     length: float = between(4.0, 6.0)
     thickness: float = between(0.33, 0.45)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve a long rounded rectangle."""
         section = rounded(1.0 - self.thickness, 1.0, -self.length / 2, self.length / 2, 0.06)
         return revolve(section, 0.13)
@@ -243,7 +244,7 @@ class Pawn(Shape):
     neck: float = between(0.26, 0.36)
     collar: float = between(0.5, 0.62)
 
-    def build(self) -> Surface:
+    def build(self) -> Mesh:
         """Revolve base, trunk, collar and head."""
         h, r = self.height, self.head
         body = smooth_curve(

@@ -11,6 +11,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.sources.bounds import MAX_PARTS, Bounds
 from vibraverse.sources.gltf import data_uri
 
@@ -83,7 +84,7 @@ class _Scene:
     def __init__(self, document: dict, binary: bytes, bounds: Bounds):
         self.document, self.binary, self.bounds = document, binary, bounds
         self._buffers: dict[int, bytes] = {}
-        self._read: dict[int, list[tuple[np.ndarray, np.ndarray]]] = {}
+        self._read: dict[int, list[Mesh]] = {}
 
     def item(self, kind: str, number) -> dict:
         """Return one entry of a list of the document."""
@@ -115,7 +116,7 @@ class _Scene:
                 yield node["mesh"], matrix
             pending += [(child, matrix, depth + 1) for child in reversed(node.get("children", []))]
 
-    def primitives(self, number: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    def primitives(self, number: int) -> list[Mesh]:
         """Return vertices and triangles of each primitive of a mesh that has triangles."""
         mesh = self.item("meshes", number)
         if number not in self._read:
@@ -127,7 +128,7 @@ class _Scene:
             ]
         return self._read[number]
 
-    def _primitive(self, primitive: dict) -> tuple[np.ndarray, np.ndarray]:
+    def _primitive(self, primitive: dict) -> Mesh:
         mode = primitive.get("mode", _TRIANGLES)
         points = self.accessor(primitive["attributes"]["POSITION"], "VEC3").astype(np.float64)
         if "indices" in primitive:

@@ -14,6 +14,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.sources.bounds import Bounds, TooLarge
 from vibraverse.sources.polygons import triangulate
 
@@ -49,7 +50,7 @@ class _Element:
     properties: list[_Property] = field(default_factory=list)
 
 
-def parse_ply(file: BinaryIO, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
+def parse_ply(file: BinaryIO, bounds: Bounds) -> Mesh:
     """Return vertices (V, 3) and triangles (F, 3) of a PLY file.
 
     Raises ``ValueError`` or :class:`vibraverse.sources.bounds.TooLarge`.

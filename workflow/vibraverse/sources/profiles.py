@@ -10,9 +10,8 @@ from itertools import pairwise
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.sources.planar import fill, unite
-
-Surface = tuple[np.ndarray, np.ndarray]
 
 _CORNER_RAD = np.radians(25.0)
 #: Corners nearer to each other than this share of the spacing become one.
@@ -122,7 +121,7 @@ def _evenly(line: np.ndarray, spacing: float, least: int) -> np.ndarray:
     return np.stack([np.interp(at, lengths, line[:, k]) for k in range(line.shape[1])], axis=1)
 
 
-def revolve(outline: np.ndarray, spacing: float) -> Surface:
+def revolve(outline: np.ndarray, spacing: float) -> Mesh:
     """Revolve a closed outline of (r, z) points, r >= 0, about the z axis.
 
     The outline may touch the axis in one edge, which is left away. Rings have as many points as
@@ -170,7 +169,7 @@ def _stitch(a: int, n: int, b: int, m: int) -> np.ndarray:
     return np.array(triangles, dtype=np.int64)
 
 
-def extrude(outlines: list[np.ndarray], height: float, spacing: float) -> Surface:
+def extrude(outlines: list[np.ndarray], height: float, spacing: float) -> Mesh:
     """Extrude a flat region along z, from -height/2 to height/2.
 
     ``outlines`` is the counter-clockwise outer outline and any clockwise holes; all are resampled.
@@ -196,7 +195,7 @@ def extrude(outlines: list[np.ndarray], height: float, spacing: float) -> Surfac
     return vertices, np.concatenate(faces)
 
 
-def tube(path, radius, spacing: float, closed: bool = False) -> Surface:
+def tube(path, radius, spacing: float, closed: bool = False) -> Mesh:
     """Sweep a circle along a 3D ``path`` (N, 3), with round ends; ``radius`` is a number or one per point."""
     path = np.asarray(path, dtype=np.float64)
     radius = np.broadcast_to(np.asarray(radius, dtype=np.float64), len(path))

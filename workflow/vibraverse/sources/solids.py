@@ -6,13 +6,13 @@ import numpy as np
 from manifold3d import Manifold, Mesh64, OpType
 from mmgpy import MmgMeshS
 
-from vibraverse.sources.profiles import Surface
+from vibraverse.geometry import Mesh
 
 #: Mmg rounds what facets cut off, so a good surface may gain this share of the volume.
 _SAME_VOLUME = 0.03
 
 
-def solid(surface: Surface) -> Manifold:
+def solid(surface: Mesh) -> Manifold:
     """Return the solid inside a closed, oriented, manifold surface; ``ValueError`` when it is not one."""
     vertices, faces = surface
     made = Manifold(
@@ -33,7 +33,7 @@ def union(*parts: Manifold) -> Manifold:
     return Manifold.batch_boolean(list(parts), OpType.Add)
 
 
-def evened(joined: Manifold, spacing: float) -> Surface:
+def evened(joined: Manifold, spacing: float) -> Mesh:
     """Return the surface of a solid with near-equilateral triangles of about ``spacing``.
 
     Unions leave slivers along their seams; Mmg remakes the surface, keeping edges that turn by more than 30
@@ -49,7 +49,7 @@ def evened(joined: Manifold, spacing: float) -> Surface:
     return surface if same and again.genus() == joined.genus() else arrays(joined.refine_to_length(spacing))
 
 
-def arrays(joined: Manifold) -> Surface:
+def arrays(joined: Manifold) -> Mesh:
     """Return vertices (V, 3) and faces (F, 3) of a solid."""
     mesh = joined.to_mesh64()
     return np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64)

@@ -7,8 +7,9 @@ from typing import BinaryIO
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.sources.bounds import Bounds
-from vibraverse.sources.textmeshes import Mesh, parse_stl_text
+from vibraverse.sources.textmeshes import parse_stl_text
 
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 

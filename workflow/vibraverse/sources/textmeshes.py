@@ -13,13 +13,12 @@ from typing import BinaryIO
 
 import numpy as np
 
+from vibraverse.geometry import Mesh
 from vibraverse.sources.bounds import Bounds
 from vibraverse.sources.polygons import Points, Polygons, triangulate
 
 #: No line of a mesh is longer: a polygon of two million corners has less.
 _MAX_LINE = 1 << 24
-
-Mesh = tuple[np.ndarray, np.ndarray]
 
 
 def parse_obj(file: BinaryIO, bounds: Bounds) -> Mesh:
