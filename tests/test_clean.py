@@ -241,6 +241,21 @@ def test_the_ladder_climbs_from_gentle_to_severe():
     ]
 
 
+def test_bodies_apart_are_united_once_for_all_rungs(monkeypatch):
+    from vibraverse.geometry import repair
+
+    calls = []
+    real = repair.join
+    monkeypatch.setattr(repair, "join", lambda bodies: calls.append(len(bodies)) or real(bodies))
+    pair = [shapes.ball(0.4, 2, (x, 0, 0)) for x in (0.0, 0.3)]
+    body = clean(*surfaces.joined([*pair, shapes.ball(0.3, 2, (3, 0, 0))]))
+    assert body.rung == "largest"
+    assert [step["rung"] for step in body.ladder] == ["as-is", "weld", "close", "unite", "wrap"]
+    assert body.repairs[0] == "united 3 parts, which left 2"
+    assert body.dropped_parts == 1
+    assert calls == [3]
+
+
 def test_a_very_dense_mesh_is_thinned_without_losing_volume(monkeypatch):
     import vibraverse.geometry.clean as module
 

@@ -55,6 +55,15 @@ def judge(vertices: np.ndarray, faces: np.ndarray) -> None:
         raise Unfit(f"{crossing} triangles that cut or touch each other")
 
 
+def is_solid(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """Return whether :func:`judge` finds nothing wrong."""
+    try:
+        judge(vertices, faces)
+    except Unfit:
+        return False
+    return True
+
+
 def without_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     """Return which faces (F,) have their corners on one line, as far as rounding tells."""
     longest = surfaces.edge_lengths(vertices, faces).max(axis=1)

@@ -6,6 +6,7 @@ A rung is a function of the welded soup that returns a surface or raises :class:
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
@@ -15,7 +16,7 @@ from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.boxes import contains
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.deviation import Deviation, deviation
-from vibraverse.geometry.judge import Scattered, Sheet, Unfit, counted, judge, without_area
+from vibraverse.geometry.judge import Scattered, Sheet, Unfit, counted, is_solid, judge, without_area
 from vibraverse.geometry.sheets import thicken
 from vibraverse.geometry.wrapping import draw_in
 from vibraverse.refusal import Refused
@@ -50,8 +51,8 @@ class Attempt:
     """Share of the volume that may be dropped by the rungs that drop."""
     thickness: float = 0.0
     """Thickness given to sheets by the rungs that do, in normalised units."""
-    wraps: dict[tuple[float, float], list[Mesh]] = field(default_factory=dict)
-    """Wraps by radius and distance, kept for the rungs that come later."""
+    made: dict[tuple, tuple[Attempt, list[Mesh] | Unfit]] = field(default_factory=dict)
+    """What several rungs need, kept for those that come later."""
     notes: list[str] = field(default_factory=list)
     """What was done, in words."""
     dropped: list[Mesh] = field(default_factory=list)
@@ -83,9 +84,9 @@ def climb(
     """
     from pymeshlab import PyMeshLabException
 
-    last, wraps = Unfit("there is no repair to try"), {}
+    last, made = Unfit("there is no repair to try"), {}
     for name, rung in rungs:
-        attempt = Attempt(**options, wraps=wraps)
+        attempt = Attempt(**options, made=made)
         try:
             body = rung(*soup, attempt)
             judge(*body)
@@ -144,7 +145,7 @@ def close(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
 
 def unite(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
     """Close the holes of every part and take what they enclose together as one body."""
-    return _largest(_united(_closed_parts(vertices, faces, attempt), attempt), attempt, _CRUMBS)
+    return _largest(_bodies(vertices, faces, attempt), attempt, _CRUMBS)
 
 
 def wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
@@ -154,7 +155,7 @@ def wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
 
 def largest(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
     """Of bodies that lie apart, each united from its parts, keep the largest."""
-    return _largest(_united(_closed_parts(vertices, faces, attempt), attempt), attempt, attempt.max_dropped)
+    return _largest(_bodies(vertices, faces, attempt), attempt, attempt.max_dropped)
 
 
 def largest_wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
@@ -171,7 +172,7 @@ def thickened(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh
         plates.append(thicken(*part, attempt.thickness))
     share = f"{100 * attempt.thickness / LONGEST_SIDE:g} % of the longest side"
     attempt.notes.append(f"thickened {counted(len(plates), 'sheet')} to {share}")
-    if len(plates) == 1 and _is_solid(*plates[0]):
+    if len(plates) == 1 and is_solid(*plates[0]):
         return plates[0]
     return _largest(_united(plates, attempt), attempt, attempt.max_dropped)
 
@@ -182,7 +183,7 @@ def thickly_wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -
     offset = 0.5 * attempt.thickness / diagonal
     wrapped = repair.wrap(vertices, faces, max(offset, 0.01), offset)
     attempt.notes.append(f"wrapped at {50 * attempt.thickness / LONGEST_SIDE:g} % of the longest side")
-    return _largest(_components(*wrapped), attempt, attempt.max_dropped)
+    return _largest(surfaces.components(*wrapped), attempt, attempt.max_dropped)
 
 
 #: The ladder, gentlest first: name -> function of the soup that notes what it did and may raise Unfit.
@@ -202,6 +203,43 @@ _DROPPING = (largest, largest_wrap, thickened, thickly_wrapped)
 _THICKENING = (thickened, thickly_wrapped)
 
 
+def _once(step: Callable) -> Callable:
+    """Let a step of several rungs be taken by the first that needs it; later ones get the same, notes and all."""
+
+    @functools.wraps(step)
+    def taken(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, *options: float) -> list[Mesh]:
+        key = step, *options
+        if key not in attempt.made:
+            own = Attempt(made=attempt.made)
+            try:
+                attempt.made[key] = own, step(vertices, faces, own, *options)
+            except Unfit as unfit:
+                attempt.made[key] = own, unfit
+        own, result = attempt.made[key]
+        if isinstance(result, Unfit):
+            raise result
+        attempt.notes += own.notes
+        attempt.filled_cavities += own.filled_cavities
+        return result
+
+    return taken
+
+
+@_once
+def _bodies(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> list[Mesh]:
+    """Return the bodies that the parts of a soup, each closed, enclose together."""
+    return _united(_closed_parts(vertices, faces, attempt), attempt)
+
+
+@_once
+def _wraps(
+    vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, alpha: float, offset: float
+) -> list[Mesh]:
+    """Return the shells of a wrap."""
+    return surfaces.components(*repair.wrap(vertices, faces, alpha, offset))
+
+
+@_once
 def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> list[Mesh]:
     """Return every part with its holes closed, facing outward; parts that then enclose nothing are left out."""
     bodies, inward, closed, flat = [], [], 0, 0
@@ -272,7 +310,7 @@ def _joined(solids: list[Mesh], attempt: Attempt) -> list[Mesh]:
     """Return the union of bodies none of which cuts itself."""
     try:
         pieces = [_tidied(*piece) for piece in _shells(*repair.join(solids), attempt)]
-        if all(_is_solid(*piece) for piece in pieces):
+        if all(is_solid(*piece) for piece in pieces):
             return pieces
     except ValueError:
         pass
@@ -294,7 +332,7 @@ def _resolved(body: Mesh, crossing: int, attempt: Attempt) -> list[Mesh]:
 def _shells(points: np.ndarray, triangles: np.ndarray, attempt: Attempt) -> list[Mesh]:
     """Return the bodies of a union, taken apart where they touch; shells facing inwards are left out and counted."""
     points, triangles = repair.weld(points, triangles)
-    shells = _components(*repair.separate(points, triangles, _APART))
+    shells = surfaces.components(*repair.separate(points, triangles, _APART))
     volumes = [surfaces.volume(*shell) for shell in shells]
     attempt.filled_cavities += sum(volume < -_FLAT * max(volumes) for volume in volumes)
     return [shell for shell, volume in zip(shells, volumes, strict=True) if volume > 0]
@@ -306,21 +344,7 @@ def _tidied(points: np.ndarray, triangles: np.ndarray) -> Mesh:
         smooth = repair.simplify(points, triangles, _WELD)
     except ValueError:
         return points, triangles
-    return smooth if _is_solid(*smooth) else (points, triangles)
-
-
-def _is_solid(points: np.ndarray, triangles: np.ndarray) -> bool:
-    try:
-        judge(points, triangles)
-    except Unfit:
-        return False
-    return True
-
-
-def _components(points: np.ndarray, triangles: np.ndarray) -> list[Mesh]:
-    """Return the parts of a surface that share no point."""
-    part = surfaces.face_components(triangles, len(points))
-    return [surfaces.compact(points, triangles[part == i]) for i in range(int(part.max(initial=-1)) + 1)]
+    return smooth if is_solid(*smooth) else (points, triangles)
 
 
 def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop: float) -> Mesh:
@@ -330,9 +354,7 @@ def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop
     for alpha, offset in _WRAPS:
         trial = Attempt()
         try:
-            if (alpha, offset) not in attempt.wraps:
-                attempt.wraps[alpha, offset] = _components(*repair.wrap(vertices, faces, alpha, offset))
-            wrapped = _largest(attempt.wraps[alpha, offset], trial, may_drop)
+            wrapped = _largest(_wraps(vertices, faces, attempt, alpha, offset), trial, may_drop)
             inside = surfaces.volume(*wrapped)
             if inside < _ENTERED * enclosed:
                 break

@@ -115,6 +115,12 @@ def face_components(faces: np.ndarray, n_vertices: int) -> np.ndarray:
     return np.argsort(np.argsort(first))[inverse]
 
 
+def components(vertices: np.ndarray, faces: np.ndarray) -> list[Mesh]:
+    """Return the parts of a surface that share no point."""
+    part = face_components(faces, len(vertices))
+    return [compact(vertices, faces[part == i]) for i in range(int(part.max(initial=-1)) + 1)]
+
+
 def compact(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
     """Drop the vertices that no face uses; the order of the others stays."""
     used = np.zeros(len(vertices), dtype=bool)
