@@ -143,6 +143,14 @@ def test_the_stage_refuses_a_thin_body(run):
     assert read_refusal(record).reason == "too_thin"
 
 
+def test_a_cavity_smaller_than_asked_is_refused(ball):
+    kept = hollow(*ball, 0.5).kept
+    assert hollow(*ball, 0.5, kept).kept == kept
+    with pytest.raises(Refused, match=r"t = 0\.50") as refused:
+        hollow(*ball, 0.5, kept + 1e-6)
+    assert refused.value.reason == "too_thin"
+
+
 def test_the_stage_refuses_a_cavity_not_worth_its_name(run, ball):
     assert json.loads(run(*ball)[1].read_text())["kept_share"] > 0.9
     surface, record = run(*ball, name="strict", min_kept=0.999)

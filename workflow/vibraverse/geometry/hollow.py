@@ -32,7 +32,8 @@ _SMOOTHING = 0.6
 _BLADES, _NEARBY = (0.75, 1.5, 3.0), 2
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
-#: Before that, triangles go where it moves the surface by this many samples at most; the first that works.
+#: Before a level set is remade, triangles go where that moves it by at most this many samples; of these the first with
+#: which it does not cut itself.
 _FLAT = (0.1, 0.05, 0.02)
 #: Edge length wanted on the cavity's surface, in normalised units.
 _SIZE = 0.06
@@ -66,11 +67,14 @@ class HollowBody:
         return sum(self.cavities) / self.asked
 
 
-def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: float) -> HollowBody:
+def hollow(
+    vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: float, min_kept: float = 0.0
+) -> HollowBody:
     """Take ``S(P) <= t · s_min`` out of a solid body.
 
     ``vertices`` and ``faces`` are its closed surface inside [-1, 1]³, ``distance`` (n, n, n) the signed distance at
-    cell centres, ``0 < t < 1``. Raises :class:`Refused` with reason ``too_thin`` when the cavity cannot be resolved.
+    cell centres, ``0 < t < 1``. Raises :class:`Refused` with reason ``too_thin`` when the cavity cannot be resolved, or
+    has less than the share ``min_kept`` of the volume asked for.
     """
     closest = ClosestPoint(vertices, faces)
     s_min, deepest = deepest_point(closest, distance)
@@ -104,7 +108,7 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
     if cavity is None:
         raise Refused("too_thin", "The cavity falls into pieces too small to mesh.", _LEAVE_OUT)
     points, triangles = cavity
-    return HollowBody(
+    body = HollowBody(
         *surfaces.joined([(vertices, faces), (points, triangles[:, ::-1])]),
         s_min=s_min,
         deepest=deepest,
@@ -112,6 +116,14 @@ def hollow(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: flo
         specks=specks,
         asked=asked,
     )
+    if body.kept < min_kept:
+        raise Refused(
+            "too_thin",
+            f"Only {100 * body.kept:.0f} % of the cavity that t = {t:.2f} asks for could be made: the walls are hardly "
+            "thicker than twice the wanted wall.",
+            "Leave the hollow body of this object out, lower hollow.min_kept, or narrow hollow.thickness.",
+        )
+    return body
 
 
 def deepest_point(closest: ClosestPoint, distance: np.ndarray) -> tuple[float, np.ndarray]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from vibraverse.config.geometry import Hollow
-from vibraverse.refusal import Refused
 from vibraverse.stage import Job, Stage
 
 
@@ -28,17 +27,11 @@ def run(job: Job) -> None:
         faces,
         distance,
         t,
+        job.options.min_kept,
         seconds=limits.seconds,
         memory_mb=limits.memory_mb,
         what="the cavity's mesher",
     )
-    if body.kept < job.options.min_kept:
-        raise Refused(
-            "too_thin",
-            f"Only {100 * body.kept:.0f} % of the cavity that t = {t:.2f} asks for could be made: the walls are hardly "
-            "thicker than twice the wanted wall.",
-            "Leave the hollow body of this object out, lower hollow.min_kept, or narrow hollow.thickness.",
-        )
     meshfiles.write_ply(job.outputs["hollow_surface"], body.vertices, body.faces)
     job.write_record(
         {
