@@ -81,6 +81,18 @@ def test_json_to_the_terminal_and_default_name(cube, tmp_path, vibraverse, monke
     assert (tmp_path / "my cube-ceramic.wav").is_file()
 
 
+def test_what_tets_warn_of_names_the_option(tmp_path, vibraverse):
+    trimesh.creation.box((10, 10, 0.2)).export(tmp_path / "sheet.stl")
+    status, out, err = vibraverse(
+        "strike", tmp_path / "sheet.stl", "--elements", 300, "--modes", 8, "--order", 1,
+        "-o", tmp_path / "sheet.wav",
+    )  # fmt: skip
+    assert status == 0, err
+    notes = [line for line in out.splitlines() if line.startswith("note: tets: ")]
+    assert any("walls thinner than 2 elements" in note for note in notes)
+    assert any(note.endswith("raise --elements where bending matters") for note in notes)
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [

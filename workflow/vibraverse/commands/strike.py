@@ -28,8 +28,6 @@ from vibraverse.refusal import Refused, read_refusal
 
 #: Estimated relative frequency error above which strike warns.
 _TOLERANCE = 1e-4
-#: Factor by which the number of tetrahedra may miss the target before strike says so.
-_FAR = 1.5
 _OVERRIDES = {
     "density_kg_m3": "rho",
     "young_pa": "young",
@@ -286,11 +284,8 @@ class _Strike:
         if struck_at is not None:
             struck_at = [x / clean["scale"] + c for x, c in zip(struck_at, clean["centre"], strict=True)]
         warnings = [f"clean: {note}" for note in clean.get("repairs", [])]
-        target = self.options["tets"].target_elements
-        if not target / _FAR <= tets["tetrahedra"] <= target * _FAR:
-            warnings.append(
-                f"tets: {tets['tetrahedra']} tetrahedra instead of {target}; the shape needs its own number"
-            )
+        said = (note.replace("tets.target_elements", _FLAGS["target_elements"]) for note in tets["warnings"])
+        warnings += [f"tets: {note.rstrip('.')}" for note in said]
         if error.max() > _TOLERANCE:
             warnings.append(f"modes: the estimated frequency error reaches {error.max():.1e}")
         if rendered["modes_above_nyquist"]:

@@ -40,7 +40,7 @@ _FAR_OFF = 1.5
 #: Opposite sides farther apart than this are not looked for; a body's longest side is 1.8.
 _FAR = 4.0
 #: Below this many elements from one side to the other a wall counts as thin.
-THIN = 2.0
+_THIN = 2.0
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ def _layers(remade: _Remade) -> dict:
     return {
         "p05": round(float(p05), 3),
         "median": round(float(median), 3),
-        "thin_share": round(float((layers < THIN).mean()), 3),
+        "thin_share": round(float((layers < _THIN).mean()), 3),
     }
 
 
@@ -230,7 +230,7 @@ def _warnings(table: dict, count: int, target: int) -> list[str]:
     warnings = []
     if table["layers"]["thin_share"] > 0.1:
         warnings.append(
-            f"{100 * table['layers']['thin_share']:.0f} % of the surface bounds walls thinner than {THIN:g} elements "
+            f"{100 * table['layers']['thin_share']:.0f} % of the surface bounds walls thinner than {_THIN:g} elements "
             f"(half of them below {table['layers']['median']:.2g}): raise tets.target_elements where bending matters."
         )
     if count > _FAR_OFF * target:
