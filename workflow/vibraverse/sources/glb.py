@@ -14,6 +14,7 @@ import numpy as np
 from vibraverse.geometry import Mesh
 from vibraverse.sources.bounds import MAX_PARTS, Bounds
 from vibraverse.sources.gltf import data_uri
+from vibraverse.sources.polygons import Parts
 
 _MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
 _COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
@@ -32,22 +33,11 @@ def parse_glb(file: BinaryIO, bounds: Bounds) -> tuple[np.ndarray, np.ndarray, i
             raise ValueError(f"it is compressed with {extension}, which is not supported")
         if "instancing" in extension:
             raise ValueError(f"it places its parts with {extension}, which is not supported")
-    scene = _Scene(document, binary, bounds)
-    vertices: list[np.ndarray] = []
-    triangles: list[np.ndarray] = []
-    offset = count = 0
+    scene, parts = _Scene(document, binary, bounds), Parts(bounds)
     for mesh, matrix in scene.placed():
         for points, corners in scene.primitives(mesh):
-            offset, count = offset + len(points), count + len(corners)
-            bounds.check(vertices=offset, triangles=count)
-            mirrored = np.linalg.det(matrix[:3, :3]) < 0  # a mirrored part keeps its outside outside
-            vertices.append(points @ matrix[:3, :3].T + matrix[:3, 3])
-            triangles.append((corners[:, ::-1] if mirrored else corners) + (offset - len(points)))
-            if len(vertices) > MAX_PARTS:
-                raise ValueError(f"it places more than {MAX_PARTS} parts")
-    if not vertices:
-        return np.zeros((0, 3)), np.zeros((0, 3), np.int64), 0
-    return np.concatenate(vertices), np.concatenate(triangles), len(vertices)
+            parts.add(points, corners, matrix[:3].T)
+    return *parts.mesh(), len(parts)
 
 
 def _chunks(file: BinaryIO) -> tuple[dict, bytes]:

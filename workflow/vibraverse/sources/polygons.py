@@ -1,4 +1,4 @@
-"""Vertices and polygons as they are read, in flat arrays, and polygons cut into triangles."""
+"""Vertices and polygons as they are read, in flat arrays; polygons cut into triangles; parts put in their places."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vibraverse.sources.bounds import Bounds
+from vibraverse.geometry import Mesh
+from vibraverse.sources.bounds import MAX_PARTS, Bounds
 
 #: Corners that are looked at together, so that memory stays small.
 _AT_ONCE = 1 << 18
@@ -58,6 +59,39 @@ class Points:
     def array(self) -> np.ndarray:
         """Return the vertices (V, 3) float64."""
         return np.array(self.values, dtype=np.float64).reshape(-1, 3)
+
+
+@dataclass
+class Parts:
+    """The parts of a scene, put where their transforms say and counted against the limits."""
+
+    bounds: Bounds
+    vertices: list[np.ndarray] = field(default_factory=list)
+    faces: list[np.ndarray] = field(default_factory=list)
+    _vertices: int = field(default=0, init=False)
+    _faces: int = field(default=0, init=False)
+
+    def __len__(self) -> int:
+        return len(self.vertices)
+
+    def add(self, points: np.ndarray, triangles: np.ndarray, matrix: np.ndarray) -> None:
+        """Append a part (V, 3), (F, 3) where ``matrix`` (4, 3), whose last row is the shift, puts it.
+
+        A mirrored part keeps its outside outside. Raises :class:`TooLarge` or ``ValueError`` beyond the limits.
+        """
+        self.bounds.check(vertices=self._vertices + len(points), triangles=self._faces + len(triangles))
+        if len(self) == MAX_PARTS:
+            raise ValueError(f"it places more than {MAX_PARTS} parts")
+        mirrored = np.linalg.det(matrix[:3]) < 0
+        self.vertices.append(points @ matrix[:3] + matrix[3])
+        self.faces.append((triangles[:, ::-1] if mirrored else triangles) + self._vertices)
+        self._vertices, self._faces = self._vertices + len(points), self._faces + len(triangles)
+
+    def mesh(self) -> Mesh:
+        """Return vertices (V, 3) and triangles (F, 3) of all parts, in their order."""
+        if not self.vertices:
+            return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
+        return np.concatenate(self.vertices), np.concatenate(self.faces)
 
 
 def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from xml.parsers import expat
 import numpy as np
 
 from vibraverse.sources.bounds import MAX_BYTES, MAX_PARTS, Bounds, TooLarge
-from vibraverse.sources.polygons import Points, Polygons
+from vibraverse.sources.polygons import Parts, Points, Polygons
 
 #: Metres per unit, by the model's ``unit`` attribute.
 UNITS_M = {
@@ -55,19 +55,11 @@ def parse_3mf(file: BinaryIO, bounds: Bounds) -> tuple[np.ndarray, np.ndarray, f
     (or what the ZIP and XML readers raise) for a package that is not a valid 3MF file.
     """
     package = _Package(file, bounds)
-    start = package.model(package.start)
-    vertices: list[np.ndarray] = []
-    faces: list[np.ndarray] = []
-    offset = count = 0
+    start, parts = package.model(package.start), Parts(bounds)
     for item in start.items:
-        for points, triangles in package.instances(item, package.start, np.eye(4)[:, :3], 0):
-            vertices.append(points)
-            faces.append(triangles + offset)
-            offset, count = offset + len(points), count + len(triangles)
-            bounds.check(vertices=offset, triangles=count)
-    if not vertices:
-        return np.zeros((0, 3)), np.zeros((0, 3), np.int64), start.unit_m, 0
-    return np.concatenate(vertices), np.concatenate(faces), start.unit_m, len(vertices)
+        for placed in package.instances(item, package.start, np.eye(4)[:, :3], 0):
+            parts.add(*placed)
+    return *parts.mesh(), start.unit_m, len(parts)
 
 
 def unit_m(file: BinaryIO) -> float | None:
@@ -109,7 +101,7 @@ class _Package:
         return self._models[key]
 
     def instances(self, placed: _Placed, default: str, above: np.ndarray, depth: int):
-        """Yield vertices and faces of an object and of its components; ``above`` (4, 3) places it."""
+        """Yield vertices, faces and placing matrix (4, 3) of an object and of its components; ``above`` places it."""
         self._visits += 1
         if depth > _MAX_DEPTH:
             raise ValueError("its components refer to each other in a circle")
@@ -126,8 +118,7 @@ class _Package:
             triangles = found.triangles.arrays()[0].reshape(-1, 3)
             if len(triangles) and (triangles.min() < 0 or triangles.max() >= len(points)):
                 raise ValueError(f"object {placed.number} has a triangle beyond its {len(points)} vertices")
-            mirrored = np.linalg.det(matrix[:3]) < 0
-            yield points @ matrix[:3] + matrix[3], triangles[:, ::-1] if mirrored else triangles
+            yield points, triangles, matrix
         for component in found.components:
             yield from self.instances(component, path, matrix, depth + 1)
 
