@@ -15,7 +15,7 @@ from typing import BinaryIO
 
 import numpy as np
 
-from vibraverse.refusal import Refused
+from vibraverse.refusal import Refused, said
 from vibraverse.sources.bounds import Bounds, TooLarge
 from vibraverse.sources.files import FORMATS, open_regular
 from vibraverse.sources.glb import parse_glb
@@ -78,12 +78,12 @@ def read_mesh(
         raise
     except TooLarge as error:
         raise Refused(
-            "too_large", f"{name} {_said(error)}.", "Simplify the mesh, or raise clean.max_triangles."
+            "too_large", f"{name} {said(error)}.", "Simplify the mesh, or raise clean.max_triangles."
         ) from None
     except MemoryError:
         raise Refused("too_large", f"{name} needs more memory than there is.", "Simplify the mesh.") from None
     except Exception as error:
-        what = _said(error)
+        what = said(error)
         if isinstance(error, KeyError):
             what = f"it lacks {what}"
         elif isinstance(error, (TypeError, AttributeError, IndexError)):
@@ -93,11 +93,6 @@ def read_mesh(
             f"{name} could not be read as {format.upper()}: {what}.",
             _CHECK_NAME,
         ) from None
-
-
-def _said(error: Exception) -> str:
-    """Return what an error says, in one line that is not too long."""
-    return " ".join(str(error).split())[:200].rstrip(".") or type(error).__name__
 
 
 def _checked(mesh: MeshData, name: str) -> MeshData:

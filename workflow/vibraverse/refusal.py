@@ -30,6 +30,8 @@ REASONS = {
 
 _MARK = '{"vibraverse_refusal": 1'
 _MAX_BYTES = 16384
+#: Characters of an error that a refusal repeats.
+_MAX_SAID = 200
 
 
 class Refused(Exception):
@@ -50,6 +52,11 @@ class Refused(Exception):
 
     def __str__(self) -> str:
         return f"{self.message} {self.advice}".strip()
+
+
+def said(error: Exception) -> str:
+    """Return what an error says, in one line that is not too long and ends without a stop."""
+    return " ".join(str(error).split())[:_MAX_SAID].rstrip(".") or type(error).__name__
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from collections import defaultdict
 from pathlib import Path
 from typing import BinaryIO
 
-from vibraverse.refusal import Refused
+from vibraverse.refusal import Refused, said
 from vibraverse.seeds import stable_hash
 from vibraverse.sources.bounds import MAX_BYTES, TooLarge
 
@@ -111,10 +111,9 @@ def as_one_file(path: Path, target: Path) -> tuple[str, float | None]:
             except TooLarge as error:
                 raise Refused("too_large", f"{path.name} {error}.", "Simplify the mesh.") from None
             except Exception as error:
-                what = " ".join(str(error).split())[:200]
                 raise Refused(
                     "unreadable",
-                    f"{path.name} could not be packed into one file: {what}.",
+                    f"{path.name} could not be packed into one file: {said(error)}.",
                     "Export it as GLB, or put its buffers beside it.",
                 ) from None
             return "glb", 1.0

@@ -14,7 +14,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from vibraverse.refusal import Refused
+from vibraverse.refusal import Refused, said
 
 #: The licence codes of Sketchfab, from which the models come -> SPDX identifiers.
 LICENCES = {
@@ -63,7 +63,7 @@ def fetch(uid: str, cache: str | Path) -> Model:
     except (OSError, EOFError, ValueError, zlib.error) as error:
         raise Refused(
             "unavailable",
-            f"The Objaverse object {uid} is not wholly in the cache and could not be fetched ({_said(error)}).",
+            f"The Objaverse object {uid} is not wholly in the cache and could not be fetched ({said(error)}).",
             f"Connect to the network and repeat, or copy the model into the cache folder ({cache}); "
             "a damaged file there has to be deleted first.",
         ) from None
@@ -109,7 +109,3 @@ def _package(cache: Path):
     objaverse.BASE_PATH = str(cache)
     objaverse._VERSIONED_PATH = str(cache / "hf-objaverse-v1")
     return objaverse
-
-
-def _said(error: Exception) -> str:
-    return " ".join(str(error).split())[:160] or type(error).__name__
