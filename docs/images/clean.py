@@ -9,8 +9,8 @@ from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
-import pyvista
-from PIL import Image, ImageDraw
+from pictures import save_sheet, shot, triangles
+from PIL import Image
 from trimesh.creation import capsule, cylinder
 
 from vibraverse import meshfiles
@@ -18,7 +18,7 @@ from vibraverse.geometry import surfaces
 from vibraverse.geometry.clean import clean
 
 OUT = Path(__file__).with_name("clean-ladder.png")
-SIZE, CAPTION = 300, 22
+SIZE = 300
 FRONT, BACK = "#cfc6b4", "#b8402f"
 
 
@@ -57,38 +57,27 @@ def cloth():
     return vertices, np.concatenate([np.stack([i, i + n, i + 1], 1), np.stack([i + 1, i + n, i + n + 1], 1)])
 
 
-def shot(vertices, faces, towards) -> Image.Image:
+def drawn(vertices, faces, towards) -> Image.Image:
     """Return a picture; faces seen from behind are red."""
-    plotter = pyvista.Plotter(off_screen=True, window_size=(2 * SIZE, 2 * SIZE))
-    surface = pyvista.PolyData(vertices, np.hstack([np.full((len(faces), 1), 3), faces]))
-    plotter.add_mesh(surface, color=FRONT, backface_params={"color": BACK})
-    plotter.camera_position = [towards, (0, 0, 0), (0, 0, 1)]
-    plotter.reset_camera()
-    plotter.camera.zoom(1.05)
-    picture = Image.fromarray(plotter.screenshot(return_img=True))
-    plotter.close()
-    return picture.resize((SIZE, SIZE), Image.Resampling.LANCZOS)
+    options = {"color": FRONT, "backface_params": {"color": BACK}}
+    return shot((triangles(vertices, faces), options), towards=towards, size=SIZE, zoom=1.05)
 
 
 def main() -> None:
-    """Draw one row per body: the source, the result, and how it came about."""
+    """Draw each body: the source, the result, and how it came about."""
     cases = [
         (punched(), (2, -2.4, 1.8)),
         (crossing(), (2, -2.4, 1.8)),
         (bundled("airplane.ply"), (-1.5, -2.0, 1.6)),
         (cloth(), (2, -2.4, 1.8)),
     ]
-    columns = 2
-    sheet = Image.new("RGB", (2 * columns * SIZE, (SIZE + CAPTION) * -(-len(cases) // columns)), "white")
-    write = ImageDraw.Draw(sheet)
-    for k, (source, towards) in enumerate(cases):
-        body = clean(*source, open_sheets="thicken", sheet_thickness=0.04)
-        x, y = 2 * SIZE * (k % columns), (SIZE + CAPTION) * (k // columns)
-        sheet.paste(shot((source[0] - body.centre) * body.scale, source[1], towards), (x, y + CAPTION))
-        sheet.paste(shot(body.vertices, body.faces, towards), (x + SIZE, y + CAPTION))
-        write.text((x + 8, y + 6), f"{body.rung}: {'; '.join(body.repairs)}", fill="black")
-    sheet.quantize(128, dither=Image.Dither.NONE).save(OUT, optimize=True)
-    print(f"{OUT}: {OUT.stat().st_size // 1000} kB")
+    panels = []
+    for (vertices, faces), towards in cases:
+        body = clean(vertices, faces, open_sheets="thicken", sheet_thickness=0.04)
+        source = drawn((vertices - body.centre) * body.scale, faces, towards)
+        result = drawn(body.vertices, body.faces, towards)
+        panels.append((f"{body.rung}: {'; '.join(body.repairs)}", [source, result]))
+    save_sheet(OUT, panels, columns=2, colours=128)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pyvista
-from PIL import Image, ImageDraw
+from pictures import save_sheet, shot, triangles
+from PIL import Image
 
 from vibraverse.geometry.clean import clean
 from vibraverse.geometry.grids import Sampler
@@ -18,23 +19,18 @@ from vibraverse.geometry.tets import tetrahedralise
 from vibraverse.sources.families import generate
 
 OUT = Path(__file__).with_name("tets.png")
-SIZE, CAPTION = 420, 22
+SIZE = 420
 OUTSIDE, INSIDE = "#cfc6b4", "#7d9bb0"
 TETRAHEDRON = 10
 TOWARDS = (0.5, -2.6, 1.1)
 
 
-def shot(*meshes) -> Image.Image:
+def drawn(*meshes) -> Image.Image:
     """Return a picture of meshes, each with its colour."""
-    plotter = pyvista.Plotter(off_screen=True, window_size=(2 * SIZE, 2 * SIZE))
-    for mesh, colour in meshes:
-        plotter.add_mesh(mesh, color=colour, show_edges=True, line_width=1.0, edge_color="#4a4640")
-    plotter.camera_position = [TOWARDS, (0, 0, 0), (0, 0, 1)]
-    plotter.reset_camera()
-    plotter.camera.zoom(1.3)
-    picture = Image.fromarray(plotter.screenshot(return_img=True))
-    plotter.close()
-    return picture.resize((SIZE, SIZE), Image.Resampling.LANCZOS)
+    lines = {"show_edges": True, "line_width": 1.0, "edge_color": "#4a4640"}
+    return shot(
+        *((mesh, {"color": colour, **lines}) for mesh, colour in meshes), towards=TOWARDS, size=SIZE, zoom=1.3
+    )
 
 
 def opened(mesh) -> Image.Image:
@@ -50,7 +46,7 @@ def opened(mesh) -> Image.Image:
     on_body = shown.cell_centers().points
     distance = np.abs(pyvista.PolyData(on_body).compute_implicit_distance(whole)["implicit_distance"])
     outside = distance < 1e-6
-    return shot((shown.extract_cells(outside), OUTSIDE), (shown.extract_cells(~outside), INSIDE))
+    return drawn((shown.extract_cells(outside), OUTSIDE), (shown.extract_cells(~outside), INSIDE))
 
 
 def main() -> None:
@@ -60,19 +56,12 @@ def main() -> None:
     surface = body.vertices, body.faces
     inside = hollow(*surface, Sampler(*surface).signed_distance(128), 0.4)
     solid, shell = tetrahedralise(*surface), tetrahedralise(inside.vertices, inside.faces)
-    triangles = pyvista.PolyData(surface[0], np.hstack([np.full((len(surface[1]), 1), 3), surface[1]]))
     panels = [
-        (f"as it came: {len(surface[1])} triangles", shot((triangles, OUTSIDE))),
-        (f"solid: {len(solid.cells)} elements", opened(solid)),
-        (f"hollow: {len(shell.cells)} elements", opened(shell)),
+        (f"as it came: {len(surface[1])} triangles", [drawn((triangles(*surface), OUTSIDE))]),
+        (f"solid: {len(solid.cells)} elements", [opened(solid)]),
+        (f"hollow: {len(shell.cells)} elements", [opened(shell)]),
     ]
-    sheet = Image.new("RGB", (SIZE * len(panels), SIZE + CAPTION), "white")
-    write = ImageDraw.Draw(sheet)
-    for k, (caption, picture) in enumerate(panels):
-        sheet.paste(picture, (SIZE * k, CAPTION))
-        write.text((SIZE * k + 8, 6), caption, fill="black")
-    sheet.quantize(64, dither=Image.Dither.NONE).save(OUT, optimize=True)
-    print(f"{OUT}: {OUT.stat().st_size // 1000} kB")
+    save_sheet(OUT, panels, columns=len(panels), colours=64)
 
 
 if __name__ == "__main__":
