@@ -46,14 +46,14 @@ class Basis(Section):
     max_error: float = Field(1e-5, gt=0, le=1e-2)
     """Relative error that the basis may add to a frequency, as estimated, anywhere in that range."""
 
-    method: Literal["auto", "lanczos", "arpack", "dense"] = "auto"
+    method: Literal["auto", "lanczos", "arpack", "lobpcg", "dense"] = "auto"
     """Eigensolver: ``auto`` takes block Lanczos, or a dense solve where the mesh is tiny."""
 
     factorisation: Literal["auto", "pardiso", "superlu"] = "auto"
     """Sparse factorisation: ``auto`` takes PARDISO where it is installed, else SuperLU."""
 
     tolerance: float = Field(1e-3, gt=0, le=1e-2)
-    """Relative residual of every eigenpair of the sparse solve; eigenvalues are right to about its square."""
+    """Largest ``‖K u - ω² M u‖ / ‖ω² M u‖`` of the sparse solve; eigenvalues are right to about its square."""
 
     @field_validator("poisson_range")
     @classmethod

@@ -18,7 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.physics.eigensolver import RIGID, signs, solve
+from vibraverse.physics.columns import signs
+from vibraverse.physics.eigensolver import RIGID, solve
 from vibraverse.physics.elasticity import Operators, assemble, lame
 from vibraverse.physics.factorisation import factorise
 from vibraverse.physics.reduction import Reduction, solve_reduced

@@ -1,8 +1,13 @@
-"""Vectors that become more: a matrix whose columns are appended in blocks without copying the old ones each time."""
+"""Blocks of column vectors: how they grow, are made M-orthonormal, solve a small eigenproblem and get their signs."""
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+
+#: A Gram matrix with eigenvalues closer than this is inverted without loss that matters.
+_WELL_CONDITIONED = 1e-3
 
 
 class Columns:
@@ -26,3 +31,59 @@ class Columns:
             self._array = grown
         self._array[:, self.size : needed] = block
         self.size = needed
+
+
+def project(space: np.ndarray, matrix: sp.csr_matrix) -> np.ndarray:
+    """Return ``spaceᵀ matrix space``, exactly symmetric."""
+    projected = space.T @ (matrix @ space)
+    return 0.5 * (projected + projected.T)
+
+
+def orthonormalise(space: np.ndarray, mass: sp.csr_matrix):
+    """Return an M-orthonormal basis Q of the columns' span, ``M Q`` and ``M space``.
+
+    Columns are scaled to unit length; directions of their Gram matrix that are rounding are left out. A second pass
+    removes what rounding left of the first, where that is more than a few digits.
+    """
+    weighted_space = weighted = mass @ space
+    for limit in (1e-14, 1e-3):
+        gram = space.T @ weighted
+        scale = 1.0 / np.sqrt(np.diag(gram))
+        weights, vectors = scipy.linalg.eigh(gram * scale[:, None] * scale)
+        keep = weights > limit * weights[-1]
+        turn = scale[:, None] * vectors[:, keep] / np.sqrt(weights[keep])
+        space, weighted = space @ turn, weighted @ turn
+        if weights[0] > _WELL_CONDITIONED * weights[-1]:
+            break
+    return space, weighted, weighted_space
+
+
+def rayleigh_ritz(space: np.ndarray, stiffness: sp.csr_matrix, mass: sp.csr_matrix):
+    """Return the Ritz pairs of ``K u = ω² M u`` in the span of ``space`` (n, m) and their residuals.
+
+    That is ω² (m,) ascending, ``u`` (n, m) M-orthonormal, and ``‖K u - ω² M u‖ / ‖ω² M u‖`` (m,).
+    """
+    stiff, weighted = stiffness @ space, mass @ space
+    energy, gram = space.T @ stiff, space.T @ weighted
+    values, turn = scipy.linalg.eigh(0.5 * (energy + energy.T), 0.5 * (gram + gram.T))
+    return values, space @ turn, _relative(stiff @ turn, (weighted @ turn) * values)
+
+
+def residuals(stiffness, mass, values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Return ``‖K u - ω² M u‖ / ‖ω² M u‖`` of every pair (Euclidean norms)."""
+    return _relative(stiffness @ vectors, (mass @ vectors) * values)
+
+
+def _relative(force: np.ndarray, inertia: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(force - inertia, axis=0) / np.linalg.norm(inertia, axis=0)
+
+
+def fix_signs(vectors: np.ndarray) -> np.ndarray:
+    """Return the columns with the sign that makes the largest entry positive."""
+    return vectors * signs(vectors)
+
+
+def signs(vectors: np.ndarray) -> np.ndarray:
+    """Return the sign of the largest entry of every column, (m,): 1 or -1."""
+    largest = vectors[np.argmax(np.abs(vectors), axis=0), np.arange(vectors.shape[1])]
+    return np.where(largest < 0, -1.0, 1.0)

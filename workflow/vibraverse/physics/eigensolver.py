@@ -1,53 +1,65 @@
-"""The lowest eigenpairs of ``K u = ω² M u`` for a free body.
+"""The lowest eigenpairs of ``K u = ω² M u`` for a free body, all of them.
 
 All sparse methods work on ``(K - σM)⁻¹ M`` with a *negative* shift σ: ``K - σM`` is positive definite
 even though K has the six rigid motions in its kernel, and no eigenvalue can hide near the shift. (σ = 0 or a small
 positive shift amid the rigid motions can return wrong modes without any error.)
 
-``lanczos``: block Lanczos with full reorthogonalisation; a solve with twenty right-hand sides costs a few
-times one with a single one. ``arpack``: SciPy's implicitly restarted Lanczos. ``dense``: LAPACK, for tiny meshes.
+``lanczos``: block Lanczos with full reorthogonalisation, a block of right-hand sides costs a few times one.
+``arpack``: SciPy's implicitly restarted Lanczos. ``lobpcg``: SciPy's LOBPCG with an incomplete factorisation, the
+published baseline. ``dense``: LAPACK, for tiny meshes.
 
-The six rigid motions are computed like every other mode, checked and counted, then dropped.
+No iteration can know what it missed. So ``K - cM`` is factorised once more, with c in a gap above the last pair: its
+negative eigenvalues are as many as eigenvalues lie below c (Sylvester's law of inertia). Ritz values bound eigenvalues
+from above one by one, so that equal numbers prove that none is missing; otherwise the problem is solved again.
+
+The six rigid motions are computed like every other mode (``lobpcg`` is given them), checked and counted, then dropped.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import time
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from vibraverse.physics.columns import Columns
+from vibraverse.physics.columns import fix_signs, orthonormalise, project, residuals
 from vibraverse.physics.elasticity import Operators, lame, rigid_modes
 from vibraverse.physics.factorisation import factorise
+from vibraverse.physics.iterations import RIGID, Found, Pencil, arpack, block_lanczos, lobpcg
 from vibraverse.refusal import Refused
 
-RIGID = 6
+_METHODS = {"lanczos": block_lanczos, "arpack": arpack, "lobpcg": lobpcg}
 #: Below this many unknowns LAPACK is faster than anything sparse.
 _DENSE_UNKNOWNS = 900
 #: A rigid eigenvalue vanishes to this fraction of the first elastic one.
 _RIGID_TOLERANCE = 1e-4
-#: Vectors per pass of block Lanczos; also the largest multiplicity found in one go.
-_BLOCK = 20
-#: Where orthogonalising leaves less than this of a vector, rounding is felt and it is done twice.
-_CANCELLED = 1e-4
-#: A Gram matrix with eigenvalues closer than this is inverted without loss that matters.
-_WELL_CONDITIONED = 1e-3
+#: How often the problem is solved before missing pairs are an error.
+_ATTEMPTS = 3
+#: To this a factorisation that counts must reproduce the vectors next to the place where it counts.
+_COUNTS = 1e-3
 
 
 @dataclass(frozen=True)
 class Eigenpairs:
-    """Elastic eigenpairs, ascending: ``values`` (m,) are ω², ``vectors`` (n, m) with ``vectorsᵀ M vectors = I``.
+    """The lowest elastic eigenpairs, ascending: ``values`` (m,) are ω², ``vectors`` (n, m), ``vectorsᵀ M vectors = I``.
 
-    ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``; ``method`` is the one that ran; ``shift`` is σ
-    and ``factor`` the factorisation of ``K - σM`` (None for ``dense``), for more solves with it.
+    ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``; ``gap`` is the relative distance of the last value to the
+    next one, near zero where a multiplet is cut. ``method`` is the one that ran, ``solves`` how many right-hand sides
+    it solved (or preconditioned), ``attempts`` how often it ran until the pairs were proven complete, ``seconds`` the
+    CPU time of all. ``shift`` is σ and ``factor`` the factorisation of ``K - σM`` (None for ``dense`` and
+    ``lobpcg``), for more solves with it.
     """
 
     values: np.ndarray
     vectors: np.ndarray
     residuals: np.ndarray
+    gap: float
     method: str
+    solves: int
+    attempts: int
+    seconds: float
     shift: float
     factor: object | None
 
@@ -64,12 +76,12 @@ def solve(
 ) -> Eigenpairs:
     """Return the ``modes`` lowest elastic eigenpairs for ``E = ρ = 1`` and Poisson's ratio ``poisson``.
 
-    ``tolerance`` bounds the relative residual of every pair of the inverted operator; eigenvalues are right
-    to about its square.
+    ``tolerance`` bounds the residual of every pair; eigenvalues are right to about its square.
 
     Raises :class:`Refused` when the mesh has too few unknowns, is not one body (more than six rigid modes), or
-    the iteration does not converge.
+    the iteration does not converge or keeps missing pairs.
     """
+    began = time.process_time()
     n, wanted = operators.unknowns, modes + RIGID
     if n < wanted + 2:
         raise Refused(
@@ -81,18 +93,31 @@ def solve(
     if method == "auto":
         method = "lanczos" if n > _DENSE_UNKNOWNS and n > 6 * wanted else "dense"
     shift = shift_for(stiffness, mass, operators.nodes)
+    attempts, factor = 1, None
     if method == "dense":
-        factor = None
-        values, vectors = scipy.linalg.eigh(
-            stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted - 1)
-        )
+        found = _dense(stiffness, mass, wanted)
+        _check_rigid(found, operators)
     else:
-        factor = factorise(operators.shifted(*lame(1.0, poisson), shift), factorisation)
-        iterate = {"lanczos": _block_lanczos, "arpack": _arpack}[method]
-        values, vectors = iterate(stiffness, mass, factor, shift, wanted, tolerance, rng)
-    _check_rigid(values, vectors, operators)
-    values, vectors = values[RIGID:], fix_signs(vectors[:, RIGID:])
-    return Eigenpairs(values, vectors, residuals(stiffness, mass, values, vectors), method, shift, factor)
+        pencil = Pencil(
+            stiffness, mass, operators.shifted(*lame(1.0, poisson), shift), shift, operators.nodes
+        )
+        if method != "lobpcg":
+            factor = factorise(pencil.shifted, factorisation)
+            pencil = replace(pencil, factor=factor)
+        found, attempts = _complete(pencil, operators, poisson, wanted, method, factorisation, tolerance, rng)
+    values = np.append(found.values, found.following)
+    return Eigenpairs(
+        values=found.values[RIGID:wanted],
+        vectors=fix_signs(found.vectors[:, RIGID:wanted]),
+        residuals=found.residuals[RIGID:wanted],
+        gap=float(values[wanted] / values[wanted - 1] - 1),
+        method=method,
+        solves=found.solves,
+        attempts=attempts,
+        seconds=time.process_time() - began,
+        shift=shift,
+        factor=factor,
+    )
 
 
 def shift_for(stiffness: sp.csr_matrix, mass: sp.csr_matrix, nodes: np.ndarray) -> float:
@@ -109,115 +134,74 @@ def shift_for(stiffness: sp.csr_matrix, mass: sp.csr_matrix, nodes: np.ndarray) 
     return -0.5 * float(np.linalg.eigvalsh(project(fields, stiffness))[RIGID])
 
 
-def _arpack(stiffness, mass, factor, shift, wanted, tolerance, rng):
-    from scipy.sparse.linalg import ArpackNoConvergence, LinearOperator, eigsh
+def count_below(
+    operators: Operators, poisson: float, cut: float, near: np.ndarray, factorisation: str = "auto"
+) -> int:
+    """Return how many eigenvalues, rigid motions' included, lie below ``cut``.
 
-    n = stiffness.shape[0]
-    try:
-        values, vectors = eigsh(
-            stiffness,
-            k=wanted,
-            M=mass,
-            sigma=shift,
-            OPinv=LinearOperator((n, n), matvec=factor.solve, dtype=float),
-            v0=rng.standard_normal(n),
-            tol=tolerance,
-            ncv=min(n - 1, int(2.2 * wanted)),
+    ``near`` (n, k) are vectors to test the factorisation with, among them those of eigenvalues next to ``cut``: one
+    that is right for a matrix so near that no eigenvalue crosses ``cut`` gives them back.
+
+    Raises :class:`Refused` where rounding leaves the count in doubt.
+    """
+    matrix = operators.shifted(*lame(1.0, poisson), cut)
+    factor = factorise(matrix, factorisation, definite=False)
+    count = factor.negative_pivots
+    error = factor.solve(matrix @ near) - near
+    factor.free()
+    weighted = operators.mass @ error, operators.mass @ near
+    if not (np.vecdot(error.T, weighted[0].T) <= _COUNTS**2 * np.vecdot(near.T, weighted[1].T)).all():
+        raise Refused(
+            "solve_failed",
+            "a factorisation lost too many digits to count the modes.",
+            "Mesh the body again, with other element sizes.",
         )
-    except ArpackNoConvergence as error:
-        raise Refused("solve_failed", f"ARPACK did not converge: {error}") from None
-    order = np.argsort(values)
-    return values[order], vectors[:, order]
+    return count
 
 
-def _block_lanczos(stiffness, mass, factor, shift, wanted, tolerance, rng):
-    """Run block Lanczos on ``(K - σM)⁻¹ M`` with full reorthogonalisation in the M inner product.
-
-    The space V grows by a block per pass; ``T = Vᵀ M (K - σM)⁻¹ M V`` gives Ritz values ``θ = 1/(λ - σ)``, and
-    the residual of a Ritz pair is the norm of the last block row of its vector times the block that links V to what
-    would come next. Nothing is restarted: memory is two arrays of n by about four times the wanted modes.
-    """
-    n = stiffness.shape[0]
-    limit = min(n - _BLOCK, 16 * wanted)
-    space, weighted = Columns(n, 5 * wanted), Columns(n, 5 * wanted)
-    projected = np.zeros((0, 0))
-    fresh, weighted_fresh, _ = orthonormalise(factor.solve(mass @ rng.standard_normal((n, _BLOCK))), mass)
-    while True:
-        old, width = space.size, fresh.shape[1]
-        space.append(fresh)
-        weighted.append(weighted_fresh)
-        image = factor.solve(weighted_fresh)
-        before = np.linalg.norm(image, axis=0)
-        column = weighted.all.T @ image
-        image -= space.all @ column
-        if (np.linalg.norm(image, axis=0) < _CANCELLED * before).any():
-            correction = weighted.all.T @ image
-            image -= space.all @ correction
-            column += correction
-        projected = np.pad(projected, (0, width))
-        projected[:, old:] = column
-        projected[old:, :] = column.T
-        fresh, weighted_fresh, weighted_image = orthonormalise(image, mass)
-        size = space.size
-        if size >= wanted + _BLOCK or fresh.shape[1] == 0:
-            theta, mixing = scipy.linalg.eigh(projected, subset_by_index=(size - wanted, size - 1))
-            coupling = fresh.T @ weighted_image
-            error = np.linalg.norm(coupling @ mixing[old:], axis=0) / theta
-            if error.max() <= tolerance or fresh.shape[1] == 0:
-                return shift + 1.0 / theta[::-1], space.all @ mixing[:, ::-1]
-            if size + _BLOCK > limit:
-                raise Refused(
-                    "solve_failed",
-                    f"block Lanczos reached a residual of {error.max():.1e} only in {size} vectors.",
-                    "Loosen basis.tolerance or ask for fewer modes.",
-                )
+def _complete(
+    pencil: Pencil,
+    operators: Operators,
+    poisson: float,
+    wanted: int,
+    method: str,
+    factorisation: str,
+    tolerance: float,
+    rng: np.random.Generator,
+) -> tuple[Found, int]:
+    """Run a method until what it finds is proven to be complete; also return how often it ran."""
+    missing = 0
+    for attempt in range(1, _ATTEMPTS + 1):
+        found = _METHODS[method](pencil, wanted, tolerance, rng, extra=missing)
+        _check_rigid(found, operators)
+        if found.worst > tolerance:
+            raise Refused(
+                "solve_failed",
+                f"{method} reached a residual of {found.worst:.1e} instead of {tolerance:.0e}.",
+                "Loosen basis.tolerance or choose another basis.method.",
+            )
+        cut = 0.5 * (found.values[-1] + found.following)
+        near = np.stack([found.vectors[:, -1], rng.standard_normal(operators.unknowns)], axis=1)
+        missing = abs(count_below(operators, poisson, cut, near, factorisation) - len(found.values))
+        if missing == 0:
+            return found, attempt
+    raise Refused(
+        "solve_failed",
+        f"{method} found {len(found.values)} modes below ω² = {cut:.6g}, where there are {missing} more or fewer.",
+        "Choose another basis.method.",
+    )
 
 
-def project(space: np.ndarray, matrix: sp.csr_matrix) -> np.ndarray:
-    """Return ``spaceᵀ matrix space``, exactly symmetric."""
-    projected = space.T @ (matrix @ space)
-    return 0.5 * (projected + projected.T)
+def _dense(stiffness: sp.csr_matrix, mass: sp.csr_matrix, wanted: int) -> Found:
+    values, vectors = scipy.linalg.eigh(stiffness.toarray(), mass.toarray(), subset_by_index=(0, wanted))
+    following, values, vectors = float(values[-1]), values[:-1], vectors[:, :-1]
+    return Found(values, vectors, residuals(stiffness, mass, values, vectors), following, 0)
 
 
-def orthonormalise(space: np.ndarray, mass: sp.csr_matrix):
-    """Return an M-orthonormal basis Q of the columns' span, ``M Q`` and ``M space``.
-
-    Columns are scaled to unit length; directions of their Gram matrix that are rounding are left out. A second pass
-    removes what rounding left of the first, where that is more than a few digits.
-    """
-    weighted_space = weighted = mass @ space
-    for limit in (1e-14, 1e-3):
-        gram = space.T @ weighted
-        scale = 1.0 / np.sqrt(np.diag(gram))
-        weights, vectors = scipy.linalg.eigh(gram * scale[:, None] * scale)
-        keep = weights > limit * weights[-1]
-        turn = scale[:, None] * vectors[:, keep] / np.sqrt(weights[keep])
-        space, weighted = space @ turn, weighted @ turn
-        if weights[0] > _WELL_CONDITIONED * weights[-1]:
-            break
-    return space, weighted, weighted_space
-
-
-def residuals(stiffness, mass, values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Return ``‖K u - ω² M u‖ / ‖ω² M u‖`` of every pair (Euclidean norms)."""
-    inertia = (mass @ vectors) * values
-    return np.linalg.norm(stiffness @ vectors - inertia, axis=0) / np.linalg.norm(inertia, axis=0)
-
-
-def fix_signs(vectors: np.ndarray) -> np.ndarray:
-    """Return the columns with the sign that makes the largest entry positive."""
-    return vectors * signs(vectors)
-
-
-def signs(vectors: np.ndarray) -> np.ndarray:
-    """Return the sign of the largest entry of every column, (m,): 1 or -1."""
-    largest = vectors[np.argmax(np.abs(vectors), axis=0), np.arange(vectors.shape[1])]
-    return np.where(largest < 0, -1.0, 1.0)
-
-
-def _check_rigid(values: np.ndarray, vectors: np.ndarray, operators: Operators) -> None:
+def _check_rigid(found: Found, operators: Operators) -> None:
     """Check that the six rigid motions, and nothing else, have eigenvalue zero."""
-    zeros = int((np.abs(values) < 1e-8 * values[-1]).sum())
+    values, vectors = found.values, found.vectors
+    zeros = int(found.zeros.sum())
     if zeros > RIGID:
         raise Refused(
             "solve_failed",

@@ -1,8 +1,8 @@
 """Sparse factorisations of symmetric matrices, behind one small interface.
 
 ``PARDISO`` (MKL, through pypardiso) is the fast one; ``SuperLU`` (in SciPy) always works. Both solve for many
-right-hand sides at once; PARDISO's LDLᵀ also gives the inertia, which counts eigenvalues below a shift
-(Sylvester's law).
+right-hand sides at once, and both count the negative eigenvalues of an indefinite matrix (Sylvester's law of inertia).
+PARDISO's LDLᵀ pivots for stability; SuperLU must not, to stay symmetric, so that its count needs a test of accuracy.
 """
 
 from __future__ import annotations
@@ -45,11 +45,24 @@ class SuperLU:
 
     def inverse_root(self, noise: np.ndarray) -> np.ndarray:
         """Return ``R noise`` for noise (n, k), where ``R Rᵀ = A⁻¹`` and A is positive definite."""
-        if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
-            raise Refused("solve_failed", "SuperLU had to pivot: the matrix is not positive definite.")
-        # A = Pᵀ L D Lᵀ P with D the diagonal of U, so Pᵀ L sqrt(D) is a root of A.
-        root = self._lu.L @ (np.sqrt(self._lu.U.diagonal())[:, None] * noise)
+        # A = Pᵀ L D Lᵀ P, so Pᵀ L sqrt(D) is a root of A.
+        root = self._lu.L @ (np.sqrt(self._diagonal())[:, None] * noise)
         return self._lu.solve(root[self._lu.perm_r])
+
+    @property
+    def negative_pivots(self) -> int:
+        """The number of negative eigenvalues of a symmetric matrix (Sylvester's law of inertia)."""
+        return int((self._diagonal() < 0).sum())
+
+    def _diagonal(self) -> np.ndarray:
+        """Return the diagonal of D in ``A = Pᵀ L D Lᵀ P``: without pivoting U is ``D Lᵀ``."""
+        if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
+            raise Refused("solve_failed", "SuperLU had to pivot, which leaves no symmetric factors.")
+        return self._lu.U.diagonal()
+
+    def free(self) -> None:
+        """Give the memory back."""
+        self._lu = None
 
 
 class Pardiso:

@@ -19,8 +19,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from vibraverse.physics.columns import Columns
-from vibraverse.physics.eigensolver import orthonormalise
+from vibraverse.physics.columns import Columns, orthonormalise
 from vibraverse.physics.elasticity import Operators, lame, rigid_modes
 
 #: Random vectors per estimate.
