@@ -170,14 +170,17 @@ def _adapt(space: Reduction, modes: int, solved: int, probes: list[float], max_e
     """
     nodes: list[float] = []
     for _ in range(_CORRECTIONS):
-        found = [space.solve(poisson, modes, solved - modes) for poisson in probes]
-        worst = int(np.argmax([error[:modes].max() for _, _, error in found]))
-        values, coefficients, error = found[worst]
-        if error[:modes].max() <= _SPARE * max_error:
+        found = {poisson: space.solve(poisson, modes, solved - modes) for poisson in probes}
+        errors = {poisson: error[:modes].max() for poisson, (_, _, error) in found.items()}
+        # A larger space has smaller errors: what is good enough is not looked at again.
+        probes = [poisson for poisson in probes if errors[poisson] > _SPARE * max_error]
+        if not probes:
             break
+        worst = max(probes, key=errors.get)
+        values, coefficients, error = found[worst]
         columns = error > _MARGIN * max_error
-        space.correct(probes[worst], values[columns], coefficients[:, columns], max_error)
-        nodes.append(probes[worst])
+        space.correct(worst, values[columns], coefficients[:, columns], max_error)
+        nodes.append(worst)
     return nodes
 
 

@@ -6,6 +6,8 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+#: Where orthogonalising leaves less than this of a vector, rounding is felt and it is done twice.
+_CANCELLED = 1e-4
 #: A Gram matrix with eigenvalues closer than this is inverted without loss that matters.
 _WELL_CONDITIONED = 1e-3
 
@@ -37,6 +39,21 @@ def project(space: np.ndarray, matrix: sp.csr_matrix) -> np.ndarray:
     """Return ``spaceᵀ matrix space``, exactly symmetric."""
     projected = space.T @ (matrix @ space)
     return 0.5 * (projected + projected.T)
+
+
+def clear(block: np.ndarray, space: np.ndarray, weighted: np.ndarray) -> np.ndarray:
+    """Take from ``block`` (n, k), in place, its part in an M-orthonormal ``space`` (n, m), ``weighted = M space``.
+
+    Returns what was taken as coefficients (m, k).
+    """
+    before = np.linalg.norm(block, axis=0)
+    coefficients = weighted.T @ block
+    block -= space @ coefficients
+    if (np.linalg.norm(block, axis=0) < _CANCELLED * before).any():
+        again = weighted.T @ block
+        block -= space @ again
+        coefficients += again
+    return coefficients
 
 
 def orthonormalise(space: np.ndarray, mass: sp.csr_matrix):

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from vibraverse.physics.columns import Columns, orthonormalise, rayleigh_ritz
+from vibraverse.physics.columns import Columns, clear, orthonormalise, rayleigh_ritz
 from vibraverse.physics.elasticity import rigid_modes
 from vibraverse.refusal import Refused
 
@@ -23,8 +23,6 @@ RIGID = 6
 _ZERO = 1e-8
 #: Vectors per pass of block Lanczos, or this share of the pairs wanted where these are many.
 _BLOCK, _BLOCK_SHARE = 10, 1 / 16
-#: Where orthogonalising leaves less than this of a vector, rounding is felt and it is done twice.
-_CANCELLED = 1e-4
 #: Pairs looked at beyond those wanted, to find a gap in the spectrum.
 _AHEAD = 10
 #: A relative distance of neighbouring eigenvalues that is no multiplet's: many times what elements split one by.
@@ -96,13 +94,7 @@ def block_lanczos(
         space.append(fresh)
         weighted.append(weighted_fresh)
         image = solve(weighted_fresh)
-        before = np.linalg.norm(image, axis=0)
-        column = weighted.all.T @ image
-        image -= space.all @ column
-        if (np.linalg.norm(image, axis=0) < _CANCELLED * before).any():
-            correction = weighted.all.T @ image
-            image -= space.all @ correction
-            column += correction
+        column = clear(image, space.all, weighted.all)
         projected = np.pad(projected, (0, width))
         projected[:, old:] = column
         projected[old:, :] = column.T

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from vibraverse.physics.columns import Columns, orthonormalise
+from vibraverse.physics.columns import Columns, clear, orthonormalise
 from vibraverse.physics.elasticity import Operators, lame, rigid_modes
 
 #: Random vectors per estimate.
@@ -150,8 +150,9 @@ class Reduction:
     def _extend(self, block: np.ndarray) -> None:
         """Join the span of ``block`` (n, k)."""
         old, weighted_old = self.vectors, self._images[2].all
-        for _ in range(2):
-            block = block - self._rigid @ (self._weighted_rigid.T @ block) - old @ (weighted_old.T @ block)
+        block = block.copy()
+        clear(block, self._rigid, self._weighted_rigid)
+        clear(block, old, weighted_old)
         block, weighted, _ = orthonormalise(block, self._operators.mass)
         fresh = [self._operators.k_lambda @ block, self._operators.k_mu @ block, weighted]
         self._projected = [
