@@ -5,7 +5,7 @@ LEARN ?= .venv-learn
 CORES ?= all
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help env demo test lint lock docs clean dev learn
+.PHONY: help env demo test lint lock docs clean dev learn containers
 unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
 # The environment's commands first, so that rules and tests find `vibraverse`.
@@ -38,6 +38,9 @@ dev:  ## make or update .venv with the tools of development
 
 learn:  ## make or update .venv-learn, the environment with torch
 	@envs/env.sh '$(LEARN)' learn
+
+containers: env  ## build the container images that are missing or out of date (BASE=debian: on this machine's own Debian)
+	@$(IN_VENV) python containers/build.py $(if $(BASE),--base '$(BASE)') $(FAMILIES)
 
 lock: env  ## write envs/*.txt and envs/*.yaml anew from pyproject.toml (UPGRADE=1: newest versions)
 	@$(IN_VENV) python envs/lock.py $(if $(UPGRADE),--upgrade)

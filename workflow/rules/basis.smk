@@ -12,6 +12,8 @@ rule basis:
         paths.benchmark("basis", "object", "solidity")
     conda:
         "../../envs/fem.yaml"
+    container:
+        image("fem")
     threads: 1
     resources:
         mem_mb=memory("solver"),

@@ -14,6 +14,8 @@ rule clean:
         paths.benchmark("clean", "object")
     conda:
         "../../envs/geometry.yaml"
+    container:
+        image("geometry")
     threads: 1
     resources:
         mem_mb=memory("geometry"),

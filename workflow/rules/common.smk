@@ -3,6 +3,7 @@ import sys
 
 from vibraverse import targets
 from vibraverse.config import ConfigError
+from vibraverse.containers import image
 from vibraverse.guard import only_run
 from vibraverse.plan import Plan
 from vibraverse.resources import memory, minutes

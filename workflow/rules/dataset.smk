@@ -12,6 +12,8 @@ rule dataset:
         paths.benchmark("dataset", "shard")
     conda:
         "../../envs/dataset.yaml"
+    container:
+        image("dataset")
     threads: 1
     resources:
         mem_mb=memory("collect"),
@@ -41,6 +43,8 @@ rule index:
         paths.benchmark("index")
     conda:
         "../../envs/dataset.yaml"
+    container:
+        image("dataset")
     threads: 1
     resources:
         mem_mb=memory("collect"),

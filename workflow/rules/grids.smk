@@ -13,6 +13,8 @@ rule grids:
         paths.benchmark("grids", "object")
     conda:
         "../../envs/geometry.yaml"
+    container:
+        image("geometry")
     threads: 1
     resources:
         mem_mb=memory("geometry"),

@@ -14,6 +14,8 @@ rule hollow:
         paths.benchmark("hollow", "object")
     conda:
         "../../envs/geometry.yaml"
+    container:
+        image("geometry")
     threads: 1
     resources:
         mem_mb=memory("geometry"),

@@ -13,6 +13,8 @@ rule images:
         paths.benchmark("images", "object")
     conda:
         "../../envs/render.yaml"
+    container:
+        image("render")
     threads: 1
     resources:
         mem_mb=memory("render"),

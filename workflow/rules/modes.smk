@@ -13,6 +13,8 @@ rule modes:
         paths.benchmark("modes", "object", "solidity")
     conda:
         "../../envs/fem.yaml"
+    container:
+        image("fem")
     threads: 1
     resources:
         mem_mb=memory("light"),

@@ -15,6 +15,8 @@ rule report:
         paths.benchmark("report")
     conda:
         "../../envs/report.yaml"
+    container:
+        image("report")
     threads: 1
     resources:
         mem_mb=memory("collect"),
@@ -46,6 +48,8 @@ rule verdict:
     retries: 0
     conda:
         "../../envs/dataset.yaml"
+    container:
+        image("dataset")
     threads: 1
     resources:
         mem_mb=memory("light"),

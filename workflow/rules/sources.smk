@@ -13,6 +13,8 @@ rule sources:
         paths.benchmark("sources", "object")
     conda:
         "../../envs/geometry.yaml"
+    container:
+        image("geometry")
     threads: 1
     resources:
         mem_mb=memory("light"),

@@ -13,6 +13,8 @@ rule tets:
         paths.benchmark("tets", "object", "solidity")
     conda:
         "../../envs/geometry.yaml"
+    container:
+        image("geometry")
     threads: 1
     resources:
         mem_mb=memory("geometry"),

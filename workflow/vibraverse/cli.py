@@ -14,6 +14,7 @@ import sys
 from pathlib import Path
 
 from vibraverse import __version__
+from vibraverse.compiled import use_compiled_loops
 
 #: Stage subcommands: name -> one line of help. The module is ``vibraverse.stages.<name>``.
 STAGES = {
@@ -81,6 +82,7 @@ def main(argv: list[str] | None = None) -> int:
         print(f"vibraverse {__version__}")
         return 0
     name, rest = argv[0], argv[1:]
+    use_compiled_loops()
     try:
         if name in STAGES:
             return _run_stage(name, rest, ["vibraverse", *argv])

@@ -1,0 +1,250 @@
+"""Run a family's stages on tiny inputs, from what the image holds and nothing else: ``check.py FAMILY``.
+
+The build runs it twice: while the image can still be written, so that every compiled loop is kept in it, and
+afterwards as the image's test. It needs no network and writes to a temporary folder alone.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.metadata
+import json
+import re
+import sys
+import tempfile
+import tomllib
+from pathlib import Path
+
+HOME = Path("/opt/vibraverse")
+OBJECT = "bar-0000"
+
+#: Two boxes that cross: the exact tests of the cleaning have something to find.
+_CROSSED = """OFF
+16 24 0
+{vertices}
+{faces}
+"""
+
+
+def crossed() -> str:
+    """Return two boxes that reach through each other, as an OFF file."""
+    corners = [(x, y, z) for x in (0, 4) for y in (0, 1) for z in (0, 1)]
+    moved = [(y + 1.3, x - 1.2, z + 0.3) for x, y, z in corners]
+    sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
+    faces = [(s[0], s[k], s[k + 1]) for s in sides for k in (1, 2)]
+    turned = [tuple(v + 8 for v in reversed(f)) for f in faces]
+    return _CROSSED.format(
+        vertices="\n".join("{} {} {}".format(*p) for p in corners + moved),
+        faces="\n".join("3 {} {} {}".format(*f) for f in faces + turned),
+    )
+
+
+def box() -> tuple:
+    """Return the corners (8, 3) and the six tetrahedra (6, 4) of a box."""
+    import numpy as np
+
+    points = np.array([(x, y, z) for x in (-0.9, 0.9) for y in (-0.3, 0.3) for z in (-0.2, 0.2)])
+    rings = [(1, 3), (3, 2), (2, 6), (6, 4), (4, 5), (5, 1)]
+    return points, np.array([(0, 7, b, a) for a, b in rings])
+
+
+class Check:
+    """A folder with a tiny plan, in which stages run as the rules call them."""
+
+    def __init__(self, results: Path):
+        from vibraverse.plan import Plan
+
+        (results / "crossed.off").write_text(crossed())
+        self.plan = Plan(
+            {
+                "results": str(results),
+                "sources": {
+                    "generated": {"count": 1, "families": ["bar"]},
+                    "bundled": [],
+                    "files": [{"path": str(results / "crossed.off")}],
+                },
+                "materials": {"steel": None},
+                "tets": {"target_elements": 1000},
+                "basis": {"order": 1, "modes": 8},
+                "audio": {"max_s": 0.2},
+                "images": {"views": 1, "looks": ["clay"], "size_px": 64},
+                "dataset": {"shards": 1},
+            }
+        )
+
+    def at(self, pattern: str, object_: str = OBJECT, solidity: str = "solid", **more: str) -> Path:
+        """Return a product's path, its folder made."""
+        path = Path(self.plan.paths.at(pattern, object=object_, solidity=solidity, **more))
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path
+
+    def run(self, stage: str, *arguments, object_: str = OBJECT, solidity: str = "", **products) -> None:
+        """Run a stage; products are named like its arguments."""
+        from vibraverse.cli import main
+        from vibraverse.refusal import read_refusal
+
+        command = [stage, *arguments]
+        if stage not in ("dataset", "index", "report"):
+            command += ["--object", object_]
+        if solidity:
+            command += ["--solidity", solidity]
+        for name, path in products.items():
+            command += [f"--{name.replace('_', '-')}", path]
+        assert main([str(word) for word in command]) == 0, f"{stage} failed"
+        for path in products.values():
+            assert path.stat().st_size, f"{stage}: {path} is empty"
+            assert stage in _COLLECT or read_refusal(path) is None, path.read_text()
+
+    def options(self, stage: str, object_: str = OBJECT) -> tuple[str, str]:
+        """Return a stage's options as its rule passes them."""
+        return "--options", self.plan.options(stage, object_=object_, shard=self.plan.shard_of(object_))
+
+
+_COLLECT = ("dataset", "index", "report")
+
+
+def geometry(check: Check) -> None:
+    """From a generated bar, and from two crossed boxes, to tetrahedra."""
+    paths = check.plan.paths
+    for object_, entry in check.plan.objects.items():
+
+        def at(pattern: str, solidity: str = "solid", object_: str = object_) -> Path:
+            return check.at(pattern, object_, solidity)
+
+        def run(stage: str, *more, solidity: str = "", object_: str = object_, **products) -> None:
+            check.run(
+                stage, *check.options(stage, object_), *more, object_=object_, solidity=solidity, **products
+            )
+
+        source = {"mesh": at(paths.source_mesh), "record": at(paths.source_record)}
+        run("sources", *(["--file", entry.input] if entry.input else []), **source)
+        surface = at(paths.surface)
+        run(
+            "clean", mesh=source["mesh"], source_record=source["record"],
+            surface=surface, record=at(paths.clean_record),
+        )  # fmt: skip
+        grids, hollowed = at(paths.grids), at(paths.hollow_surface)
+        run("grids", surface=surface, grids=grids, coarse=at(paths.coarse))
+        run(
+            "hollow", surface=surface, grids=grids,
+            hollow_surface=hollowed, record=at(paths.hollow_record),
+        )  # fmt: skip
+        for solidity, boundary in (("solid", surface), ("hollow", hollowed)):
+            run(
+                "tets", solidity=solidity, surface=boundary,
+                tets=at(paths.tets, solidity), record=at(paths.tets_record, solidity),
+            )  # fmt: skip
+
+
+def fem(check: Check) -> None:
+    """From a box of six tetrahedra to a sound."""
+    from vibraverse.tetfiles import write_tets
+
+    paths = check.plan.paths
+    tets, basis, modes = check.at(paths.tets), check.at(paths.basis), check.at(paths.modes)
+    record = check.at(paths.clean_record)
+    write_tets(tets, *box())
+    record.write_text(json.dumps({"size_m": 0.2, "size_origin": "generated"}))
+    check.run("basis", *check.options("basis"), solidity="solid", tets=tets, basis=basis)
+    check.run(
+        "modes", *check.options("modes"), solidity="solid", basis=basis, clean_record=record, modes=modes
+    )
+    check.run(
+        "audio", *check.options("audio"), solidity="solid", modes=modes,
+        sounds=check.at(paths.sound, material="steel"), record=check.at(paths.audio_record),
+    )  # fmt: skip
+
+
+def render(check: Check) -> None:
+    """A view of a box."""
+    from vibraverse import targets
+    from vibraverse.meshfiles import write_ply
+
+    points, tets = box()
+    surface = check.at(check.plan.paths.surface)
+    write_ply(surface, points, _boundary(tets))
+    (view,) = (check.at(pattern) for pattern in targets.views(check.plan))
+    record = check.at(check.plan.paths.images_record)
+    check.run("images", *check.options("images"), surface=surface, views=view, record=record)
+
+
+def _boundary(tets) -> list[tuple[int, ...]]:
+    """Return the faces that belong to one tetrahedron alone."""
+    seen: dict[frozenset, tuple] = {}
+    for a, b, c, d in tets.tolist():
+        for face in ((b, c, d), (a, d, c), (a, b, d), (a, c, b)):
+            seen[frozenset(face)] = () if frozenset(face) in seen else face
+    return [face for face in seen.values() if face]
+
+
+def collect(check: Check) -> None:
+    """A dataset of refused objects and its report: all tables, no arrays."""
+    from vibraverse import products, targets
+    from vibraverse.refusal import Refusal
+
+    paths = check.plan.paths
+    refusal = Refusal(OBJECT, "clean", "empty", "nothing to see", "add triangles").to_text()
+    (shard,) = targets.shards(check.plan)
+    for product in targets.shard_products(check.plan, check.plan.shard_of(OBJECT)):
+        products.write_text(product, refusal)
+    for object_ in check.plan.objects:
+        source = {"object": object_, "origin": "files", "format": "off", "file": f"{object_}.off"}
+        source["provenance"] = {}
+        products.write_json(check.at(paths.source_record, object_), source)
+    check.run("dataset", *check.options("dataset"), shard=Path(shard))
+    index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
+    index = {name: check.at(path) for name, path in index.items()}
+    check.run("index", shards=Path(shard), **index)
+    if importlib.util.find_spec("jinja2"):
+        page = check.at(paths.report)
+        check.run("report", *check.options("report"), shards=Path(shard), **index, page=page)
+
+
+def everything(check: Check) -> None:
+    """What each family does."""
+    for one in (geometry, render):
+        one(check)
+    fem(check)
+
+
+STAGES = {
+    "geometry": geometry,
+    "fem": fem,
+    "render": render,
+    "dataset": collect,
+    "report": collect,
+    "workstation": everything,
+}
+
+
+def packages(family: str) -> None:
+    """Import every package the family asks for by name."""
+    extras = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    wanted = {re.split(r"[^A-Za-z0-9-]", requirement)[0] for requirement in extras.get(family, [])}
+    for module, distributions in importlib.metadata.packages_distributions().items():
+        if wanted & set(distributions) and module.isidentifier() and not module.startswith("_"):
+            importlib.import_module(module)
+
+
+def from_elsewhere() -> list[str]:
+    """Return the loaded modules that are neither the image's Python nor its environment."""
+    own = (str(HOME), f"{sys.base_prefix}/lib/")
+    files = {name: getattr(module, "__file__", None) for name, module in sys.modules.items()}
+    return [f"{name}: {file}" for name, file in files.items() if file and not file.startswith(own)]
+
+
+def main(family: str) -> None:
+    """Check one family; an exception says what is wrong."""
+    from vibraverse.compiled import use_compiled_loops
+
+    use_compiled_loops()
+    packages(family)
+    with tempfile.TemporaryDirectory(prefix="vibraverse-check-") as folder:
+        STAGES[family](Check(Path(folder)))
+    strangers = [found for found in from_elsewhere() if str(Path(__file__)) not in found]
+    assert not strangers, f"not from the image: {strangers}"
+    print(f"{family}: its stages run from the image alone")
+
+
+if __name__ == "__main__":
+    main(sys.argv[1])
