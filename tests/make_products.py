@@ -239,6 +239,9 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
         h5["reduced/poisson_nodes"] = [0.1, 0.4]
         h5["surface/vertices"], h5["surface/faces"] = vertices, faces.astype(np.int32)
         h5["surface/basis"] = random.normal(size=(len(vertices), 3, rank)).astype(np.float32)
+        h5["correction/lambda"], h5["correction/mu"] = np.eye(rank + 4)[:, rank:], np.eye(rank + 4)[:, rank:]
+        h5["correction/mass"] = np.zeros((rank, 4))
+        h5["correction/surface"] = random.normal(size=(len(vertices), 3, 4)).astype(np.float32)
         h5["rigid/centre"], h5["rigid/inertia"] = np.zeros(3), np.eye(3)
         products.write_provenance(h5, provenance("basis", object_id, solidity, order=2))
     sounds = {}
@@ -255,7 +258,11 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
             damping = 0.5 * (material["alpha_per_s"] + material["beta_s"] * (2 * np.pi * hz) ** 2)
             group["frequencies_hz"], group["damping_per_s"] = hz, damping
             group["damped_frequencies_hz"] = np.sqrt(np.maximum(hz**2 - (damping / (2 * np.pi)) ** 2, 0))
-            group["relative_error"] = np.full(MODES, 1e-6)
+            group["relative_error"], group["discretisation_error"] = (
+                np.full(MODES, 1e-6),
+                np.full(MODES, 1e-3),
+            )
+            group.attrs["solved_directly"] = False
             shapes = random.normal(size=(MODES, len(vertices), 3))
             group["mode_shapes"] = shapes.astype(np.float32)
             gain, samples = _sound(hz, damping)

@@ -52,7 +52,10 @@ def test_logs_open_with_the_command_that_repeats_the_job(finished):
 
 @pytest.mark.parametrize("solidity", ["solid", "hollow"])
 def test_strike_gives_the_workflows_frequencies(finished, tmp_path, vibraverse, solidity):
-    """The same mesh and material, by one command and by the workflow: equal to 1e-6."""
+    """The same mesh and material, by one command and by the workflow.
+
+    Random starts differ with the object's id; linear elements' corrections of tens of per cent show it a little.
+    """
     import h5py
 
     folder = finished.folder / "results/objects/bar-0000"
@@ -69,7 +72,7 @@ def test_strike_gives_the_workflows_frequencies(finished, tmp_path, vibraverse, 
     )  # fmt: skip
     assert status == 0, err
     facts = json.loads((tmp_path / "a.json").read_text())
-    assert facts["frequencies_hz"] == pytest.approx(expected, rel=1e-6)
+    assert facts["frequencies_hz"] == pytest.approx(expected, rel=1e-4)
     assert facts["volume_m3"] == pytest.approx(volume_m3, rel=1e-9)
 
 

@@ -4,6 +4,7 @@
 rule modes:
     input:
         basis=paths.basis,
+        tets=paths.tets,
         clean_record=paths.clean_record,
     output:
         modes=paths.modes,
@@ -17,8 +18,8 @@ rule modes:
         image("fem")
     threads: 1
     resources:
-        mem_mb=memory("light"),
-        runtime=minutes("light"),
+        mem_mb=memory(plan.modes_class()),
+        runtime=minutes(plan.modes_class()),
     params:
         options=lambda wildcards: plan.options("modes", object_=wildcards.object),
         version=VERSIONS["modes"],
@@ -28,6 +29,7 @@ rule modes:
         "vibraverse modes "
         "--object {wildcards.object} --solidity {wildcards.solidity} "
         "--basis {input.basis:q} "
+        "--tets {input.tets:q} "
         "--clean-record {input.clean_record:q} "
         "--modes {output.modes:q} "
         "--options {params.options:q} "

@@ -36,6 +36,7 @@ class Plan:
             values = self.objects[object_].options
         elif stage == "modes":
             values = {
+                **config.modes.model_dump(),
                 "materials": {name: m.model_dump() for name, m in config.materials.items()},
                 "modes": config.basis.modes,
                 "size_m": self.objects[object_].size_m,
@@ -54,3 +55,9 @@ class Plan:
         else:
             values = getattr(config, stage).model_dump(mode="json")
         return json.dumps(values, ensure_ascii=False)
+
+    def modes_class(self) -> str:
+        """Return the resource class of stage ``modes``: heavy where a material must be solved on the mesh."""
+        low, high = self.config.basis.poisson_range
+        inside = all(low <= material.poisson <= high for material in self.config.materials.values())
+        return "light" if inside else "solver"

@@ -20,7 +20,7 @@ from vibraverse.cli import UsageError, set_threads
 from vibraverse.config import ConfigError, unknown, validate
 from vibraverse.config.geometry import Hollow, Tets
 from vibraverse.config.media import Audio
-from vibraverse.config.physics import Basis, Material, Modes
+from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
 from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
@@ -155,8 +155,6 @@ class _Strike:
         self.material = self._material(arguments)
         self.material_name = arguments.material
         self.point = self._point(arguments.at)
-        low, high = Basis().poisson_range
-        poissons = min(low, self.material.poisson), max(high, self.material.poisson)
         if arguments.hollow is not None and not 0 < arguments.hollow < 1:
             raise UsageError(f"--hollow must lie between 0 and 1, not {arguments.hollow:g}")
         thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
@@ -167,10 +165,10 @@ class _Strike:
                 "tets": validate(Tets, {"target_elements": arguments.elements}),
                 "basis": validate(
                     Basis,
-                    {"order": arguments.order, "modes": arguments.modes, "poisson_range": poissons},
+                    {"order": arguments.order, "modes": arguments.modes},
                 ),
                 "modes": validate(
-                    Modes,
+                    MaterialModes,
                     {
                         "materials": {self.material_name: self.material.model_dump()},
                         "size_m": arguments.size,
@@ -235,7 +233,9 @@ class _Strike:
         self._stage("tets", {"surface": at(surface)}, {"tets": at(p.tets), "record": at(p.tets_record)})
         self._stage("basis", {"tets": at(p.tets)}, {"basis": at(p.basis)})
         self._stage(
-            "modes", {"basis": at(p.basis), "clean_record": at(p.clean_record)}, {"modes": at(p.modes)}
+            "modes",
+            {"basis": at(p.basis), "tets": at(p.tets), "clean_record": at(p.clean_record)},
+            {"modes": at(p.modes)},
         )
         clean = products.read_json(at(p.clean_record))
         points = []
@@ -279,6 +279,7 @@ class _Strike:
             size_m, volume_m3 = float(h5.attrs["size_m"]), float(h5.attrs["volume_m3"])
             frequencies, damping = group["frequencies_hz"][()], group["damping_per_s"][()]
             error, mass_kg = group["relative_error"][()], float(group.attrs["mass_kg"])
+            element_error = group["discretisation_error"][()]
         (rendered,) = audio["sounds"].values()
         struck_at = rendered["struck_at"]
         if struck_at is not None:
@@ -311,6 +312,7 @@ class _Strike:
             "frequencies_hz": frequencies.tolist(),
             "damping_per_s": damping.tolist(),
             "relative_error": error.tolist(),
+            "discretisation_error": element_error.tolist(),
             "duration_s": rendered["duration_s"],
             "struck_at": struck_at,
             "warnings": warnings,

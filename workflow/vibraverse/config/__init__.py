@@ -55,6 +55,9 @@ class Config(Section):
     basis: Basis = Basis()
     """The modal basis."""
 
+    modes: Modes = Modes()
+    """Frequencies of every material."""
+
     audio: Audio = Audio()
     """Impact sounds."""
 

@@ -66,6 +66,16 @@ class Basis(Section):
 class Modes(Section):
     """Frequencies, damping and mode shapes of every material."""
 
+    corrected: bool = True
+    """Whether the elements' own error is taken out of the frequencies, as far as it is known (see docs/basis.md)."""
+
+    tolerance: float = Field(1e-4, gt=0, le=1e-2)
+    """Largest estimated relative error by the basis; a material beyond it is solved on the mesh itself."""
+
+
+class MaterialModes(Modes):
+    """What the stage ``modes`` is told of one object."""
+
     materials: dict[str, Material]
     """Materials by name."""
 

@@ -9,7 +9,8 @@ wanted (:mod:`vibraverse.physics.reduction`). The operators are projected onto t
 
 For any material the dense problem ``(λ A_λ + μ A_μ) c = ω² c`` of about two hundred unknowns is what remains
 (Rayleigh–Ritz, so frequencies are bounded from below by the exact ones of the mesh), and the error of each frequency
-is known without the big matrices.
+is known without the big matrices. What the elements themselves get wrong is estimated, and mostly removed, by the
+corrections of :mod:`vibraverse.physics.enrichment`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ import numpy as np
 from vibraverse.physics.columns import signs
 from vibraverse.physics.eigensolver import RIGID, solve
 from vibraverse.physics.elasticity import Operators, assemble, lame
+from vibraverse.physics.enrichment import correct
 from vibraverse.physics.factorisation import factorise
 from vibraverse.physics.reduction import Reduction, solve_reduced
 
@@ -46,9 +48,11 @@ class ModalBasis:
 
     ``a_lambda``, ``a_mu``: (r, r) reduced stiffness; ``sketch``: (k, p, 3r) for error estimates, in the energy norms
     of ``energy_poisson`` (k,); ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface``: (V, 3, r) the basis on
-    its vertices; ``poisson_range`` (2,) with ``error`` the largest estimated relative error of a frequency in it;
-    ``poisson_nodes``: where the sparse problem was solved, then where the space was corrected, in order; ``residuals``
-    (m,) of that solve; ``volume``, ``centre`` (3,) and ``inertia`` (3, 3) about it for unit density.
+    its vertices; ``correction_lambda``, ``correction_mu`` (r + m, m), ``correction_mass`` (r, m) and
+    ``correction_surface`` (V, 3, m): what :class:`vibraverse.physics.enrichment.Corrections` adds to it;
+    ``poisson_range`` (2,) with ``error`` the largest estimated relative error of a frequency in it;
+    ``poisson_nodes``: where the sparse problem was solved, then where the space was corrected, in order;
+    ``residuals`` (m,) of that solve; ``volume``, ``centre`` (3,) and ``inertia`` (3, 3) about it for unit density.
     """
 
     a_lambda: np.ndarray
@@ -58,6 +62,10 @@ class ModalBasis:
     vertices: np.ndarray
     faces: np.ndarray
     surface: np.ndarray
+    correction_lambda: np.ndarray
+    correction_mu: np.ndarray
+    correction_mass: np.ndarray
+    correction_surface: np.ndarray
     poisson_range: np.ndarray
     poisson_nodes: np.ndarray
     error: float
@@ -116,7 +124,14 @@ def build_basis(
     turn, error = _compressed(space, modes, probes, max_error)
     turn = turn * signs(space.vectors @ turn)
     vectors, (a_lambda, a_mu, sketch) = space.vectors @ turn, space.turned(turn)
+    if len(centres) > 1:
+        factor.update(operators.shifted(*lame(1.0, centre), pairs.shift))
+    lowest, coefficients, _ = space.solve(centre, modes, solved - modes)
+    corrections = correct(
+        operators, factor, pairs.shift, centre, vectors, lowest, space.vectors @ coefficients
+    )
     faces, surface_nodes = boundary(cells)
+    on_surface = _positions(cells, surface_nodes)
     volume, middle, inertia = rigid_body(operators)
     return ModalBasis(
         a_lambda=a_lambda,
@@ -125,7 +140,11 @@ def build_basis(
         energy_poisson=space.energy_poisson,
         vertices=points[surface_nodes],
         faces=faces,
-        surface=vectors.reshape(-1, 3, vectors.shape[1])[_positions(cells, surface_nodes)],
+        surface=vectors.reshape(-1, 3, vectors.shape[1])[on_surface],
+        correction_lambda=corrections.k_lambda,
+        correction_mu=corrections.k_mu,
+        correction_mass=corrections.mass,
+        correction_surface=corrections.vectors.reshape(-1, 3, corrections.vectors.shape[1])[on_surface],
         poisson_range=np.array(poisson_range, dtype=float),
         poisson_nodes=np.array(nodes),
         error=error,

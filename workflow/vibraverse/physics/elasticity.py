@@ -16,11 +16,15 @@ Unknowns are interleaved: component ``a`` of node ``i`` has number ``3 i + a``.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import scipy.sparse as sp
 
 from vibraverse.refusal import Refused
+
+if TYPE_CHECKING:
+    from skfem import MeshTet
 
 #: Elements contracted at once; bounds the memory of the contraction to a few hundred megabytes.
 _BLOCK = 8192
@@ -32,7 +36,8 @@ class Operators:
 
     ``k_lambda``, ``k_mu``, ``mass``: (n, n) sparse, symmetric; ``nodes``: (n/3, 3) coordinates of the nodes, of which
     the first ``n_vertices`` are the mesh's own points in order; ``volume`` in units of the mesh.
-    ``mass_data`` are the entries of ``mass`` on the sparsity pattern of the stiffness.
+    ``mass_data`` are the entries of ``mass`` on the sparsity pattern of the stiffness; ``mesh`` is scikit-fem's, each
+    element's vertices ascending, and ``element_nodes`` (T, 4 or 10) are its nodes in scikit-fem's order.
     """
 
     k_lambda: sp.csr_matrix
@@ -43,6 +48,8 @@ class Operators:
     n_vertices: int
     volume: float
     order: int
+    mesh: MeshTet
+    element_nodes: np.ndarray
 
     @property
     def unknowns(self) -> int:
@@ -108,8 +115,9 @@ def assemble(points: np.ndarray, cells: np.ndarray, order: int = 2) -> Operators
         points, cells = points[used], renumber[cells]
 
     element = {1: ElementTetP1, 2: ElementTetP2}[order]()
-    # scikit-fem sorts each element's vertices, which may flip its orientation; the forms do not mind.
-    mesh = MeshTet(np.ascontiguousarray(points.T, dtype=float), np.ascontiguousarray(cells.T, dtype=np.int64))
+    # With its vertices ascending an element knows which way its edges point. The forms do not mind its orientation.
+    ascending = np.sort(cells, axis=1).T.astype(np.int64)
+    mesh = MeshTet(np.ascontiguousarray(points.T, dtype=float), np.ascontiguousarray(ascending))
     parts = [
         (
             Basis(mesh, element, intorder=max(2 * order - 2, 1), elements=chunk),
@@ -166,6 +174,8 @@ def assemble(points: np.ndarray, cells: np.ndarray, order: int = 2) -> Operators
         n_vertices=mesh.p.shape[1],
         volume=float(volumes.sum()),
         order=order,
+        mesh=mesh,
+        element_nodes=dofs,
     )
 
 

@@ -20,6 +20,14 @@ _DATASETS = {
     "vertices": ("surface/vertices", "f8", "normalised length"),
     "faces": ("surface/faces", "i4", "index into surface/vertices"),
     "surface": ("surface/basis", "f4", "mass-normalised displacement, unit density, mesh units"),
+    "correction_lambda": ("correction/lambda", "f8", "1 (E = rho = 1, mesh units)"),
+    "correction_mu": ("correction/mu", "f8", "1 (E = rho = 1, mesh units)"),
+    "correction_mass": ("correction/mass", "f8", "1 (unit density, mesh units)"),
+    "correction_surface": (
+        "correction/surface",
+        "f4",
+        "mass-normalised displacement, unit density, mesh units",
+    ),
     "centre": ("rigid/centre", "f8", "normalised length"),
     "inertia": ("rigid/inertia", "f8", "normalised length^5, unit density"),
 }
