@@ -5,8 +5,8 @@ even though K has the six rigid motions in its kernel, and no eigenvalue can hid
 positive shift amid the rigid motions can return wrong modes without any error.)
 
 ``lanczos``: block Lanczos with full reorthogonalisation, a block of right-hand sides costs a few times one.
-``arpack``: SciPy's implicitly restarted Lanczos. ``lobpcg``: SciPy's LOBPCG with an incomplete factorisation, the
-published baseline. ``dense``: LAPACK, for tiny meshes.
+``arpack``: SciPy's implicitly restarted Lanczos. ``lobpcg``: SciPy's LOBPCG, preconditioned by the same factorisation.
+``dense``: LAPACK, for tiny meshes.
 
 No iteration can know what it missed. So ``K - cM`` is factorised once more, with c in a gap above the last pair: its
 negative eigenvalues are as many as eigenvalues lie below c (Sylvester's law of inertia). Ritz values bound eigenvalues
@@ -18,7 +18,7 @@ The six rigid motions are computed like every other mode (``lobpcg`` is given th
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
@@ -48,8 +48,8 @@ class Eigenpairs:
     ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``; ``gap`` is the relative distance of the last value to the
     next one, near zero where a multiplet is cut. ``method`` is the one that ran, ``solves`` how many right-hand sides
     it solved (or preconditioned), ``attempts`` how often it ran until the pairs were proven complete, ``seconds`` the
-    CPU time of all. ``shift`` is σ and ``factor`` the factorisation of ``K - σM`` (None for ``dense`` and
-    ``lobpcg``), for more solves with it.
+    CPU time of all. ``shift`` is σ and ``factor`` the factorisation of ``K - σM`` (None for ``dense``), for
+    more solves with it.
     """
 
     values: np.ndarray
@@ -98,12 +98,8 @@ def solve(
         found = _dense(stiffness, mass, wanted)
         _check_rigid(found, operators)
     else:
-        pencil = Pencil(
-            stiffness, mass, operators.shifted(*lame(1.0, poisson), shift), shift, operators.nodes
-        )
-        if method != "lobpcg":
-            factor = factorise(pencil.shifted, factorisation)
-            pencil = replace(pencil, factor=factor)
+        factor = factorise(operators.shifted(*lame(1.0, poisson), shift), factorisation)
+        pencil = Pencil(stiffness, mass, shift, operators.nodes, factor)
         found, attempts = _complete(pencil, operators, poisson, wanted, method, factorisation, tolerance, rng)
     values = np.append(found.values, found.following)
     return Eigenpairs(
