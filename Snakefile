@@ -24,6 +24,7 @@ include: "workflow/rules/audio.smk"
 include: "workflow/rules/images.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/report.smk"
+include: "workflow/rules/validation.smk"
 
 
 rule all:

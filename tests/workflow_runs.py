@@ -70,9 +70,9 @@ class Run:
             start_new_session=True,
         )
 
-    def plan(self) -> tuple[dict[str, int], str]:
-        """Return the jobs Snakemake would run, counted by rule, and its whole output."""
-        done = self("--dry-run")
+    def plan(self, *targets: str) -> tuple[dict[str, int], str]:
+        """Return the jobs Snakemake would run for the targets, counted by rule, and its whole output."""
+        done = self("--dry-run", *targets)
         text = done.stdout + done.stderr
         table = re.search(r"^job +count\n-+ +-+\n(.*?)^total", text, re.MULTILINE | re.DOTALL)
         rows = dict(re.findall(r"^(\w+) +(\d+)$", table[1], re.MULTILINE)) if table else {}

@@ -28,3 +28,4 @@ wildcard_constraints:
     object=r"[A-Za-z0-9_-]+",
     solidity="solid|hollow",
     shard=r"\d{5}",
+    body=r"[a-z-]+",

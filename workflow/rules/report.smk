@@ -7,6 +7,7 @@ rule report:
         index=paths.index,
         refusals=paths.refusals,
         record=paths.dataset_record,
+        validation=targets.validation_done(plan),
     output:
         page=paths.report,
     log:
@@ -23,6 +24,7 @@ rule report:
         runtime=minutes("collect"),
     params:
         options=plan.options("report"),
+        validation=targets.validation_argument(plan),
         version=VERSIONS["report"],
     message:
         "the report"
@@ -32,6 +34,7 @@ rule report:
         "--index {input.index:q} "
         "--refusals {input.refusals:q} "
         "--record {input.record:q} "
+        "{params.validation} "
         "--page {output.page:q} "
         "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"

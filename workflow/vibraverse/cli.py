@@ -30,6 +30,9 @@ STAGES = {
     "dataset": "pack objects into one HDF5 shard",
     "index": "write the dataset's index, refusals and record",
     "report": "write the page people open",
+    "validation_meshes": "mesh a body whose frequencies are known, coarse to fine",
+    "validation_modes": "compare a body's frequencies with those it must have",
+    "validation_table": "join the comparisons of all bodies, and plot them",
 }
 
 #: Subcommands for people: name -> one line of help. The module is ``vibraverse.commands.<name>``.
@@ -39,6 +42,7 @@ COMMANDS = {
     "materials": "list the known materials",
     "config": "check a configuration, or print its JSON schema",
     "refusals": "list refused objects by reason, or make them run again",
+    "validation": "show how near the frequencies of known bodies are",
 }
 
 _THREAD_VARIABLES = (
@@ -56,7 +60,7 @@ class UsageError(Exception):
 
 def _overview() -> str:
     def table(rows):
-        return "\n".join(f"  {name:<10} {text}" for name, text in rows.items())
+        return "\n".join(f"  {name:<17} {text}" for name, text in rows.items())
 
     return (
         "usage: vibraverse COMMAND …      (vibraverse COMMAND --help tells more)\n\n"

@@ -1,6 +1,6 @@
 """Every path pattern of the workflow, in one place.
 
-Patterns carry Snakemake's wildcards ``{object}`` and ``{solidity}``; :meth:`Paths.at` fills them in. Rules,
+Patterns carry Snakemake's wildcards, ``{object}`` and ``{solidity}`` mostly; :meth:`Paths.at` fills them in. Rules,
 targets, the dataset and the report take paths from here and never build them by hand.
 """
 
@@ -45,6 +45,14 @@ class Paths:
         self.dataset_record = f"{self.dataset}/dataset.json"
         self.verdict = f"{self.results}/verdict.json"
         self.report = f"{self.results}/report/index.html"
+
+        self.validation = f"{self.results}/validation"
+        self.validation_meshes = f"{self.validation}/{{body}}/meshes.h5"
+        self.validation_comparison = f"{self.validation}/{{body}}/comparison.json"
+        self.validation_table = f"{self.validation}/validation.tsv"
+        self.validation_record = f"{self.validation}/validation.json"
+        self.validation_plot = f"{self.validation}/convergence.svg"
+        self.validation_verdict = f"{self.validation}/verdict.json"
 
     @staticmethod
     def at(pattern: str, **wildcards: str) -> str:

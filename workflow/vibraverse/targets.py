@@ -6,6 +6,7 @@ import os
 from shlex import quote
 
 from vibraverse.plan import Plan
+from vibraverse.validation.bodies import BODIES
 
 
 def sounds(plan: Plan) -> list[str]:
@@ -70,3 +71,18 @@ def source_argument(plan: Plan, object_: str) -> str:
     """Return how the stage ``sources`` is told the mesh file of an object, for the shell."""
     path = plan.objects[object_].input
     return f"--file={quote(str(path))}" if path else ""
+
+
+def validation_comparisons(plan: Plan) -> list[str]:
+    """Return the comparisons of all bodies whose frequencies are known."""
+    return [plan.paths.at(plan.paths.validation_comparison, body=body) for body in BODIES]
+
+
+def validation_done(plan: Plan) -> list[str]:
+    """Return the record of the validation where it was run, else nothing: the report shows what there is."""
+    return [plan.paths.validation_record] if os.path.exists(plan.paths.validation_record) else []
+
+
+def validation_argument(plan: Plan) -> str:
+    """Return how the stage ``report`` is told the validation, for the shell."""
+    return " ".join(f"--validation={quote(path)}" for path in validation_done(plan))

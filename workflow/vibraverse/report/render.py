@@ -15,6 +15,7 @@ from vibraverse.refusal import REASONS
 from vibraverse.report import quantities
 from vibraverse.report.content import Card, card
 from vibraverse.stages import VERSIONS
+from vibraverse.validation import plot
 
 #: The look shown first, where there is one.
 _FIRST_LOOK = "clay"
@@ -26,11 +27,18 @@ def gather(reader: Reader, max_objects: int) -> tuple[list[Card], dict[str, byte
     return [card(reader, object_id, assets) for object_id in reader.objects[:max_objects]], assets
 
 
-def html(title: str, record: dict, refusals: list[dict], cards: list[Card], assets_folder: str) -> str:
+def html(
+    title: str,
+    record: dict,
+    refusals: list[dict],
+    cards: list[Card],
+    assets_folder: str,
+    validation: dict | None = None,
+) -> str:
     """Return the page.
 
-    ``record`` is the content of ``dataset.json``, ``refusals`` are the rows of ``refusals.tsv``, and
-    ``assets_folder`` is where the pictures and sounds lie, relative to the page.
+    ``record`` is the content of ``dataset.json``, ``refusals`` are the rows of ``refusals.tsv``, ``assets_folder`` is
+    where the pictures and sounds lie, relative to the page, and ``validation`` the content of ``validation.json``.
     """
     environment = jinja2.Environment(
         autoescape=True,
@@ -67,6 +75,8 @@ def html(title: str, record: dict, refusals: list[dict], cards: list[Card], asse
         cards=[_with_cover(one) for one in cards],
         more=record["counts"]["objects"] - len(cards),
         refusals=_by_reason(refusals),
+        validation=validation,
+        convergence=Markup(plot.svg(validation["bodies"], inside_html=True)) if validation else "",
     )
 
 

@@ -14,5 +14,8 @@ VERSIONS = {
     "images": 1,
     "dataset": 4,
     "index": 2,
-    "report": 1,
+    "report": 2,
+    "validation_meshes": 1,
+    "validation_modes": 1,
+    "validation_table": 1,
 }

@@ -30,7 +30,8 @@ def run(job: Job) -> None:
         reader.items, reader.refusals = index, refusals
         cards, assets = render.gather(reader, job.options.max_objects)
     folder = write_assets(job.final["page"].parent / "assets", assets)
-    page = render.html(job.options.title, record, refusals, cards, f"assets/{folder}")
+    validation = products.read_json(job.inputs["validation"]) if "validation" in job.inputs else None
+    page = render.html(job.options.title, record, refusals, cards, f"assets/{folder}", validation)
     job.outputs["page"].write_text(page, encoding="utf-8")
 
 
@@ -63,11 +64,13 @@ STAGE = Stage(
         "refusals": "refusals.tsv",
         "record": "dataset.json",
         "shards": "all shards (HDF5)",
+        "validation": "validation.json, where the validation was run",
     },
     outputs={"page": "index.html; its pictures and sounds go to assets/ beside it"},
     run=run,
     options=Report,
     many=frozenset({"shards"}),
+    optional=frozenset({"validation"}),
     libraries=("jinja2", "matplotlib", "numpy", "h5py", "soundfile"),
     per_object=False,
     passes_refusals=False,

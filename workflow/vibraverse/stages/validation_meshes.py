@@ -1,0 +1,34 @@
+"""Stage ``validation_meshes``: the tetrahedra of one body whose frequencies are known, coarse to fine."""
+
+from __future__ import annotations
+
+from vibraverse.products import write_provenance
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Make the body's surface, clean it, hollow it where it is hollow, and mesh it."""
+    import h5py
+
+    from vibraverse.validation.bodies import BODIES
+    from vibraverse.validation.meshes import meshes
+
+    scale_m, made = meshes(BODIES[job.object])
+    with h5py.File(job.outputs["meshes"], "w") as h5:
+        h5.attrs["scale_m"] = scale_m
+        for number, mesh in enumerate(made):
+            group = h5.create_group(str(number))
+            group.create_dataset("points", data=mesh.points).attrs["unit"] = "normalised length"
+            group.create_dataset("cells", data=mesh.cells).attrs["unit"] = "index into points"
+        write_provenance(h5, job.provenance())
+    print(f"meshes of {', '.join(str(len(mesh.cells)) for mesh in made)} tetrahedra")
+
+
+STAGE = Stage(
+    name="validation_meshes",
+    help="mesh a body whose frequencies are known, coarse to fine",
+    inputs={},
+    outputs={"meshes": "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"},
+    run=run,
+    libraries=("gmsh", "h5py", "manifold3d", "mmgpy", "numba", "numpy", "scipy", "vtk"),
+)

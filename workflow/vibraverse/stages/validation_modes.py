@@ -1,0 +1,32 @@
+"""Stage ``validation_modes``: the frequencies of one body at every mesh and order beside those it must have."""
+
+from __future__ import annotations
+
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Solve every mesh and compare."""
+    import h5py
+
+    from vibraverse.validation.bodies import BODIES
+    from vibraverse.validation.study import study
+
+    with h5py.File(job.inputs["meshes"]) as h5:
+        meshes = [(h5[f"{number}/points"][()], h5[f"{number}/cells"][()]) for number in range(len(h5))]
+        scale_m = float(h5.attrs["scale_m"])
+    rows = study(BODIES[job.object], meshes, scale_m)
+    job.write_record({"body": job.object, "rows": rows}, "comparison")
+    print(
+        f"{len(rows)} comparisons, {sum(row['verdict'] == 'missed' for row in rows)} outside their tolerance"
+    )
+
+
+STAGE = Stage(
+    name="validation_modes",
+    help="compare a body's frequencies with those it must have",
+    inputs={"meshes": "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"},
+    outputs={"comparison": "every frequency beside its reference (JSON)"},
+    run=run,
+    libraries=("h5py", "numpy", "scipy", "scikit-fem", "pypardiso"),
+)

@@ -1,0 +1,50 @@
+"""Stage ``validation_table``: all comparisons in one table, with how fast errors fall and a plot of it."""
+
+from __future__ import annotations
+
+from vibraverse import products
+from vibraverse.refusal import read_refusal
+from vibraverse.stage import Job, Stage
+
+
+def run(job: Job) -> None:
+    """Join what the bodies say; a refused body counts as missed."""
+    from vibraverse.dataset.tables import to_tsv
+    from vibraverse.validation import plot, table
+    from vibraverse.validation.bodies import BODIES
+
+    rows, bodies, missed = [], {}, []
+    for path in job.inputs["comparisons"]:
+        refusal = read_refusal(path)
+        if refusal:
+            missed.append(f"{refusal.object}, refused by {refusal.stage}: {refusal.message}")
+            continue
+        comparison = products.read_json(path)
+        name, own = comparison["body"], comparison["rows"]
+        bodies[name] = {
+            "title": BODIES[name].title,
+            "summary": table.summary(own),
+            "convergence": table.convergence(own),
+        }
+        rows += own
+        missed += table.missed(own)
+    job.outputs["table"].write_text(to_tsv(table.tsv_rows(rows), table.COLUMNS), encoding="utf-8")
+    job.outputs["plot"].write_text(plot.svg(bodies), encoding="utf-8")
+    job.write_record({"missed": missed, "bodies": bodies, "rows": rows})
+
+
+STAGE = Stage(
+    name="validation_table",
+    help="join the comparisons of all bodies, and plot them",
+    inputs={"comparisons": "comparisons of all bodies (JSON)"},
+    outputs={
+        "table": "every comparison (TSV)",
+        "record": "the same with summaries, convergence and what is missed (JSON)",
+        "plot": "errors against unknowns (SVG)",
+    },
+    run=run,
+    many=frozenset({"comparisons"}),
+    libraries=("matplotlib", "numpy"),
+    per_object=False,
+    passes_refusals=False,
+)

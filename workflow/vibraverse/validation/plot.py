@@ -1,0 +1,88 @@
+"""Errors against unknowns, a panel for each body, as SVG that follows the colours of the page it stands in."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+
+#: Order -> the page's variable for its colour, the colour elsewhere, and the marker.
+_STYLES = {"P1": ("--hollow", "#c2611c", "s"), "P2": ("--solid", "#0f7173", "o")}
+_INK, _LINE = ("--soft", "#63656f"), ("--line", "#e5e3dd")
+_ACROSS = 4
+
+
+#: What matplotlib adds: facts about the file, and a rule of style that would hold for a whole page.
+_ADDED = re.compile(r"<metadata>.*?</metadata>|<style .*?</style>", re.DOTALL)
+
+
+def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
+    """Return the plot of ``bodies``: of each ``title`` and :func:`~vibraverse.validation.table.convergence`.
+
+    Inside HTML it names no namespaces, which there go without saying.
+    """
+    import matplotlib
+    from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    settings = {
+        "svg.fonttype": "none",
+        "svg.hashsalt": "validation",
+        "font.size": 9,
+        "axes.edgecolor": _LINE[1],
+        "text.color": _INK[1],
+        "xtick.color": _INK[1],
+        "ytick.color": _INK[1],
+        "axes.labelcolor": _INK[1],
+    }
+    with matplotlib.rc_context(settings):
+        across = min(_ACROSS, len(bodies))
+        down = math.ceil(len(bodies) / across)
+        figure = Figure(figsize=(2.9 * across, 2.6 * down), layout="constrained")
+        figure.patch.set_alpha(0.0)
+        panels = figure.subplots(down, across, sharex=True, squeeze=False).ravel()
+        for panel, body in zip(panels, bodies.values(), strict=False):
+            panel.patch.set_alpha(0.0)
+            panel.set_title(body["title"], loc="left", fontsize=10)
+            for kind, curve in body["convergence"].items():
+                order, _, corrected = kind.partition(" ")
+                _, colour, marker = _STYLES[order]
+                panel.loglog(
+                    curve["unknowns"],
+                    [100 * error for error in curve["errors"]],
+                    color=colour,
+                    marker=marker,
+                    ms=4,
+                    lw=1.5,
+                    ls="-" if corrected else (0, (1.5, 1.5)),
+                )
+                if curve["slope"] is not None:
+                    panel.annotate(
+                        f"{curve['slope']:.2f}".replace("-", "−"),
+                        (curve["unknowns"][-1], 100 * curve["errors"][-1]),
+                        (7, 0),
+                        textcoords="offset points",
+                        va="center",
+                        color=colour,
+                    )
+            panel.margins(x=0.22)
+            panel.grid(color=_LINE[1], lw=0.6)
+            panel.spines[["top", "right"]].set_visible(False)
+            panel.yaxis.set_major_locator(LogLocator(numticks=6))
+            for axis in (panel.xaxis, panel.yaxis):
+                axis.set_minor_formatter(NullFormatter())
+            panel.yaxis.set_major_formatter(lambda value, _: f"{value:g} %")
+            panel.xaxis.set_major_formatter(lambda value, _: f"{value:,.0f}")
+            panel.tick_params(which="minor", length=0)
+            panel.tick_params(labelbottom=True)
+        for panel in panels[len(bodies) :]:
+            panel.set_visible(False)
+        figure.supxlabel("unknowns", fontsize=9)
+        figure.supylabel("error of the frequencies", fontsize=9)
+        file = io.StringIO()
+        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
+    text = file.getvalue()
+    for variable, colour in (*(style[:2] for style in _STYLES.values()), _INK, _LINE):
+        text = text.replace(f": {colour}", f": var({variable}, {colour})")
+    text = _ADDED.sub("", text[text.index("<svg") :])
+    return re.sub(r' xmlns(:xlink)?="[^"]*"', "", text) if inside_html else text
