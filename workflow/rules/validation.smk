@@ -99,9 +99,9 @@ rule validation:
         paths.log("validation"),
     retries: 0
     conda:
-        "../../envs/workflow.yaml"
+        "../../envs/report.yaml"
     container:
-        image("workflow")
+        image("report")
     threads: 1
     resources:
         mem_mb=memory("light"),

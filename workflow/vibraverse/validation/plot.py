@@ -50,6 +50,7 @@ def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
                 panel.loglog(
                     curve["unknowns"],
                     [100 * error for error in curve["errors"]],
+                    label=kind,
                     color=colour,
                     marker=marker,
                     ms=4,
@@ -77,6 +78,8 @@ def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
             panel.tick_params(labelbottom=True)
         for panel in panels[len(bodies) :]:
             panel.set_visible(False)
+        curves = {line.get_label(): line for panel in panels for line in panel.get_lines()}
+        figure.legend(curves.values(), curves, loc="outside upper left", ncols=4, frameon=False)
         figure.supxlabel("unknowns", fontsize=9)
         figure.supylabel("error of the frequencies", fontsize=9)
         file = io.StringIO()
