@@ -5,14 +5,14 @@ LEARN ?= .venv-learn
 CORES ?= all
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help env demo test lint lock docs clean dev learn containers
+.PHONY: help env demo test lint lock docs clean dev learn containers test-cluster
 unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
 # The environment's commands first, so that rules and tests find `vibraverse`.
 IN_VENV = PATH="$$(realpath '$(VENV)')/bin:$$PATH"
 
 help:  ## list these commands
-	@sed -n 's/^\([a-z]*\):.*## /  make \1\t/p' Makefile | expand -t 16
+	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 22
 
 env:  ## make or update .venv; install missing system libraries with apt where possible
 	@envs/env.sh '$(VENV)' workstation
@@ -23,9 +23,12 @@ demo: env  ## run the default workflow, to results/report/index.html
 
 test: dev  ## run the tests, then those of learning in their own environment
 	@envs/system.sh '$(VENV)/bin/python' test
-	@$(IN_VENV) pytest --ignore tests/learn
+	@$(IN_VENV) pytest --ignore tests/learn --ignore tests/cluster
 	@envs/env.sh '$(LEARN)' learn dev
 	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" pytest tests/learn
+
+test-cluster: dev  ## run chains through a Slurm and images made here; as root, on Debian (SHORT=1: no accidents)
+	@$(IN_VENV) pytest tests/cluster $(if $(SHORT),-m 'not long')
 
 lint: dev  ## check formatting, style and the workflow's rules
 	@$(IN_VENV) ruff format --check .
@@ -39,7 +42,7 @@ dev:  ## make or update .venv with the tools of development
 learn:  ## make or update .venv-learn, the environment with torch
 	@envs/env.sh '$(LEARN)' learn
 
-containers: env  ## build the container images that are missing or out of date (BASE=debian: on this machine's own Debian)
+containers: env  ## build the container images that are out of date (BASE=debian: from this machine's apt)
 	@$(IN_VENV) python containers/build.py $(if $(BASE),--base '$(BASE)') $(FAMILIES)
 
 lock: env  ## write envs/*.txt and envs/*.yaml anew from pyproject.toml (UPGRADE=1: newest versions)

@@ -25,6 +25,7 @@ include: "workflow/rules/images.smk"
 include: "workflow/rules/dataset.smk"
 include: "workflow/rules/report.smk"
 include: "workflow/rules/validation.smk"
+include: "workflow/rules/preflight.smk"
 
 
 rule all:

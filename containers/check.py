@@ -177,42 +177,71 @@ def _boundary(tets) -> list[tuple[int, ...]]:
     return [face for face in seen.values() if face]
 
 
-def collect(check: Check) -> None:
-    """A dataset of refused objects and its report: all tables, no arrays."""
+def refuse_all(check: Check) -> Path:
+    """Put a refusal in the place of every product; return the path of the shard they belong to."""
     from vibraverse import products, targets
     from vibraverse.refusal import Refusal
 
-    paths = check.plan.paths
     refusal = Refusal(OBJECT, "clean", "empty", "nothing to see", "add triangles").to_text()
-    (shard,) = targets.shards(check.plan)
     for product in targets.shard_products(check.plan, check.plan.shard_of(OBJECT)):
         products.write_text(product, refusal)
     for object_ in check.plan.objects:
         source = {"object": object_, "origin": "files", "format": "off", "file": f"{object_}.off"}
-        source["provenance"] = {}
-        products.write_json(check.at(paths.source_record, object_), source)
-    check.run("dataset", *check.options("dataset"), shard=Path(shard))
+        products.write_json(check.at(check.plan.paths.source_record, object_), {**source, "provenance": {}})
+    (shard,) = targets.shards(check.plan)
+    return check.at(shard)
+
+
+def index_of(check: Check, shard: Path) -> dict[str, Path]:
+    """Run the stage ``index`` and return its products."""
+    paths = check.plan.paths
     index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
     index = {name: check.at(path) for name, path in index.items()}
-    check.run("index", shards=Path(shard), **index)
-    if importlib.util.find_spec("jinja2"):
-        page = check.at(paths.report)
-        check.run("report", *check.options("report"), shards=Path(shard), **index, page=page)
+    check.run("index", shards=shard, **index)
+    return index
+
+
+def dataset(check: Check) -> None:
+    """A dataset of refused objects: all tables, no arrays."""
+    shard = refuse_all(check)
+    check.run("dataset", *check.options("dataset"), shard=shard)
+    index_of(check, shard)
+
+
+def report(check: Check) -> None:
+    """The page of a dataset of refused objects, packed by the library, for the stage needs more packages."""
+    import h5py
+
+    from vibraverse import products
+    from vibraverse.config.dataset import ShardOptions
+    from vibraverse.dataset.pack import finish, pack_object
+
+    shard = refuse_all(check)
+    options = ShardOptions.model_validate_json(check.options("dataset")[1])
+    with h5py.File(shard, "w") as h5:
+        groups = h5.create_group("objects")
+        finish(
+            h5, [pack_object(groups, check.plan.paths, name, options, shard.name) for name in options.objects]
+        )
+        products.write_provenance(h5, {"stage": "dataset", "libraries": {}})
+    index = index_of(check, shard)
+    check.run(
+        "report", *check.options("report"), shards=shard, **index, page=check.at(check.plan.paths.report)
+    )
 
 
 def everything(check: Check) -> None:
     """What each family does."""
-    for one in (geometry, render):
-        one(check)
-    fem(check)
+    for family in (geometry, render, fem, dataset, report):
+        family(check)
 
 
 STAGES = {
     "geometry": geometry,
     "fem": fem,
     "render": render,
-    "dataset": collect,
-    "report": collect,
+    "dataset": dataset,
+    "report": report,
     "workstation": everything,
 }
 

@@ -29,8 +29,8 @@ TINY = {
 class Run:
     """A folder in which the workflow runs with a configuration that a test may change."""
 
-    def __init__(self, folder: Path, root: Path, config: dict | None = None):
-        self.folder, self.root = folder, root
+    def __init__(self, folder: Path, root: Path, config: dict | None = None, profile: str = "default"):
+        self.folder, self.root, self.profile = folder, root, profile
         self.config = copy.deepcopy(config or TINY)
 
     def command(self, *arguments: str) -> list[str]:
@@ -38,7 +38,8 @@ class Run:
         return [
             sys.executable, "-m", "snakemake", "--snakefile", str(self.root / "Snakefile"),
             "--directory", str(self.folder),
-            "--workflow-profile", str(self.root / "workflow/profiles/default"), "--cores", "2", *arguments,
+            "--workflow-profile", str(self.root / "workflow/profiles" / self.profile),
+            *([] if "slurm" in self.profile else ["--cores", "2"]), *arguments,
         ]  # fmt: skip
 
     @property
@@ -59,10 +60,10 @@ class Run:
             assert done.returncode == 0, done.stdout + done.stderr
         return done
 
-    def start(self) -> subprocess.Popen:
+    def start(self, *arguments: str) -> subprocess.Popen:
         """Start the workflow in a process group of its own."""
         return subprocess.Popen(
-            self.command(),
+            self.command(*arguments),
             cwd=self.folder,
             env=self.environment,
             stdout=subprocess.DEVNULL,

@@ -1,0 +1,33 @@
+"""Commands and options that the tests on a cluster share."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+from workflow_runs import TINY
+
+HERE = Path(__file__).resolve().parent
+
+#: One hollow body: eight jobs in a row.
+HOLLOW = {**TINY, "solidities": ["hollow"]}
+#: From meshes to sounds: the families of geometry and finite elements, without pictures, dataset and report.
+CHAIN = ("--until", "audio")
+#: What a Slurm without accounting on one machine needs; polling fast, because jobs are short.
+QUICK = (
+    *CHAIN,
+    "--latency-wait", "20", "--max-status-checks-per-second", "10",
+    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2",
+)  # fmt: skip
+
+
+def call(*command: str, **options) -> subprocess.CompletedProcess:
+    """Run a command that must succeed."""
+    done = subprocess.run(command, capture_output=True, text=True, **options)
+    assert done.returncode == 0, f"{' '.join(command)}\n{done.stdout}{done.stderr}"
+    return done
+
+
+def slurm_script(*arguments: str) -> None:
+    """Start, stop or disturb the test's Slurm."""
+    call(str(HERE / "slurm.sh"), *arguments)

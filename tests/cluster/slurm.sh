@@ -1,0 +1,128 @@
+#!/usr/bin/env bash
+# A small Slurm on this one machine, for the tests of this folder: Debian's packages, several slurmd as nodes, no systemd,
+# no cgroups, no accounting.
+#
+#   tests/cluster/slurm.sh start     install what is missing; afterwards sbatch, squeue and sinfo work
+#   tests/cluster/slurm.sh stop      cancel its jobs and end its processes
+#   tests/cluster/slurm.sh kill N    end node N's slurmd as a crash would
+#   tests/cluster/slurm.sh node N    start node N's slurmd (again)
+#
+# Partitions: cpu (n1, n2) and gpu (n3, two stand-in devices). Memory limits are enforced by Slurm's accounting of processes.
+# A machine that has a Slurm of its own is left alone.
+set -euo pipefail
+
+state=/var/lib/vibraverse-slurm
+conf=/etc/slurm/slurm.conf
+mark="# Written by vibraverse tests/cluster/slurm.sh"
+nodes=(n1 n2 n3)
+
+fail() {
+    echo "$*" >&2
+    exit 1
+}
+
+install_packages() {
+    if command -v slurmctld >/dev/null && command -v slurmd >/dev/null && command -v munged >/dev/null; then return; fi
+    export DEBIAN_FRONTEND=noninteractive
+    local quiet=(-qq -o DPkg::Lock::Timeout=300 -o Dpkg::Use-Pty=0)
+    apt-get "${quiet[@]}" update
+    apt-get "${quiet[@]}" install -y --no-install-recommends slurm-wlm munge >/dev/null
+}
+
+write_configuration() {
+    local cpus memory node port=17001
+    cpus=$(nproc)
+    memory=$(awk '/MemTotal/ {print int($2 / 1024)}' /proc/meminfo)
+    mkdir -p "$state"/{ctld,log} /etc/slurm
+    cat >"$conf" <<CONF
+$mark
+ClusterName=one-machine
+SlurmctldHost=$(hostname -s)(127.0.0.1)
+SlurmctldPort=17000
+AuthType=auth/munge
+SlurmUser=root
+SlurmdUser=root
+StateSaveLocation=$state/ctld
+SlurmdSpoolDir=$state/%n
+SlurmctldPidFile=$state/slurmctld.pid
+SlurmdPidFile=$state/%n.pid
+SlurmctldLogFile=$state/log/slurmctld.log
+SlurmdLogFile=$state/log/%n.log
+ProctrackType=proctrack/linuxproc
+TaskPlugin=task/none
+JobAcctGatherType=jobacct_gather/linux
+JobAcctGatherFrequency=1
+JobAcctGatherParams=OverMemoryKill
+SelectType=select/cons_tres
+SelectTypeParameters=CR_Core_Memory
+SlurmdParameters=config_overrides
+AccountingStorageType=accounting_storage/none
+MpiDefault=none
+MailProg=/bin/true
+ReturnToService=2
+SlurmdTimeout=20
+MinJobAge=3600
+KillWait=5
+SchedulerParameters=sched_min_interval=200000,bf_interval=5
+GresTypes=gpu
+CONF
+    for node in "${nodes[@]}"; do
+        mkdir -p "$state/$node"
+        echo "NodeName=$node NodeHostname=$(hostname -s) NodeAddr=127.0.0.1 Port=$((port++)) CPUs=$cpus RealMemory=$memory" \
+            "$([ "$node" = n3 ] && echo Gres=gpu:2)" >>"$conf"
+    done
+    echo "PartitionName=cpu Nodes=n1,n2 Default=YES MaxTime=120 State=UP" >>"$conf"
+    echo "PartitionName=gpu Nodes=n3 MaxTime=120 State=UP" >>"$conf"
+    touch "$state/gpu0" "$state/gpu1"
+    echo "NodeName=n3 Name=gpu File=$state/gpu[0-1]" >/etc/slurm/gres.conf
+}
+
+start_munge() {
+    if munge -n 2>/dev/null | unmunge >/dev/null 2>&1; then return; fi
+    install -d -o munge -g munge -m 755 /run/munge
+    [ -s /etc/munge/munge.key ] || install -o munge -g munge -m 400 <(head -c 128 /dev/urandom) /etc/munge/munge.key
+    setpriv --reuid munge --regid munge --init-groups munged
+}
+
+start_node() {
+    slurmd -N "$1"
+}
+
+stop_all() {
+    [ -d "$state" ] || return 0
+    scancel --user root 2>/dev/null || true
+    local file pid
+    for file in "$state"/slurmctld.pid "$state"/n?.pid; do
+        [ -s "$file" ] || continue
+        pid=$(cat "$file")
+        kill "$pid" 2>/dev/null || true
+        for _ in {1..50}; do kill -0 "$pid" 2>/dev/null || break; sleep 0.1; done
+        rm -f "$file"
+    done
+    rm -rf "$state"
+    if grep -qsF "$mark" "$conf"; then rm -f "$conf" /etc/slurm/gres.conf; fi
+}
+
+[ "$(id -u)" = 0 ] || fail "A Slurm can be started here by root only."
+if [ -e "$conf" ] && ! grep -qF "$mark" "$conf"; then fail "$conf is not of this script: this machine has a Slurm of its own."; fi
+case "${1:-}" in
+start)
+    if sinfo -h >/dev/null 2>&1; then exit 0; fi
+    install_packages
+    stop_all
+    write_configuration
+    start_munge
+    slurmctld
+    for node in "${nodes[@]}"; do start_node "$node"; done
+    for _ in {1..100}; do
+        if [ "$(sinfo -h -N -t idle -o %N 2>/dev/null | sort -u | wc -l)" = "${#nodes[@]}" ]; then exit 0; fi
+        sleep 0.2
+    done
+    tail -n 20 "$state"/log/*.log >&2
+    fail "The nodes did not come up (the logs' last words are above)."
+    ;;
+stop) stop_all ;;
+kill) kill -9 "$(cat "$state/$2.pid")" ;;
+node) start_node "$2" ;;
+*) fail "usage: tests/cluster/slurm.sh start | stop | kill NODE | node NODE" ;;
+esac

@@ -1,0 +1,146 @@
+"""Chains through a real Slurm, every job in its image: undisturbed, and after accidents; always the same checksums."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import time
+
+import pytest
+from cluster_runs import CHAIN, HOLLOW, QUICK, call, slurm_script
+
+from workflow_runs import Run
+
+
+def queue(*options: str) -> list[str]:
+    """Return the jobs in the queue, as ``squeue`` lists them."""
+    return call("squeue", "-h", *options).stdout.split()
+
+
+def wait_for(what, seconds: float = 120):
+    """Return ``what()`` as soon as it is true."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        found = what()
+        if found:
+            return found
+        time.sleep(0.2)
+    raise AssertionError(f"waited {seconds} s in vain")
+
+
+def running(rule: str) -> list[str]:
+    """Return the ids of a rule's running jobs."""
+    lines = call("squeue", "-h", "-t", "RUNNING", "-o", "%i|%k").stdout.splitlines()
+    return [line.split("|")[0] for line in lines if rule in line.split("|")[1]]
+
+
+def test_a_chain_through_slurm_in_containers_gives_the_workstations_bytes(cluster_run, expected):
+    done = cluster_run(*QUICK)
+    assert cluster_run.checksums() == expected
+    assert len([name for name in expected if name.endswith(".wav")]) == 2
+    assert len(set(re.findall(r"SLURM jobid (\d+)", done.stdout + done.stderr))) == 8
+
+
+def test_runs_with_and_without_images_go_on_from_each_other(images, expected, root, tmp_path):
+    """In images as far as the hollow body, then without; in between, the image's loops prove to be compiled."""
+    run = Run(tmp_path, root, HOLLOW, profile="apptainer")
+    run("--until", "hollow")
+    (image,) = images.glob("vibraverse-geometry-*.sif")
+    for stage in ("clean", "grids", "hollow"):
+        log = (run.folder / f"results/logs/bar-0000/{stage}.log").read_text()
+        said = call(
+            "apptainer", "exec", "--env", "NUMBA_DEBUG_CACHE=1", str(image), "bash", "-c", log.splitlines()[0],
+            cwd=run.folder,
+        )  # fmt: skip
+        assert "data saved to" not in said.stdout + said.stderr, stage
+    run.profile = "default"
+    done = run(*CHAIN)
+    assert "clean the surface" not in done.stdout + done.stderr
+    assert run.checksums() == expected
+
+
+@pytest.mark.long
+def test_a_cancelled_job_is_made_again(cluster_run, expected):
+    process = cluster_run.start(*QUICK)
+    call("scancel", wait_for(lambda: running("tets"))[0])
+    assert process.wait(600) == 0
+    assert cluster_run.checksums() == expected
+
+
+@pytest.mark.long
+def test_a_job_killed_for_its_memory_gets_more(cluster_run, expected):
+    done = cluster_run(*QUICK, "--set-resources", "tets:mem_mb=100 * 10 ** (attempt - 1)")
+    assert "Trying to restart" in done.stdout + done.stderr
+    assert cluster_run.checksums() == expected
+
+
+@pytest.mark.long
+def test_a_lost_node_costs_no_run(cluster_run, expected):
+    process = cluster_run.start(*QUICK)
+    job = wait_for(lambda: running("grids"))[0]
+    node = call("squeue", "-h", "-j", job, "-o", "%N").stdout.strip()
+    slurm_script("kill", node)
+    time.sleep(3)
+    slurm_script("node", node)
+    assert process.wait(600) == 0
+    assert cluster_run.checksums() == expected
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_a_main_process_that_ends_is_started_again(cluster_run, expected, number):
+    """SIGINT cancels the jobs; after SIGKILL they go on, and a new run says so until they are done."""
+    process = cluster_run.start(*QUICK)
+    wait_for(lambda: running("tets"))
+    os.killpg(process.pid, number)
+    process.wait(120)
+    if number == signal.SIGKILL:
+        again = cluster_run(*QUICK, check=False)
+        assert again.returncode == 2
+        assert "of an earlier run still work in" in again.stdout + again.stderr
+    wait_for(lambda: not queue("-t", "PENDING,RUNNING,COMPLETING"))
+    cluster_run(*QUICK)
+    assert cluster_run.checksums() == expected
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    "grouping",
+    [
+        ("--groups", "sources=o", "clean=o", "grids=o", "hollow=o", "--group-components", "o=10"),
+        ("--slurm-array-jobs", "all"),
+    ],
+)
+def test_groups_and_arrays_give_the_same(cluster_run, expected, grouping):
+    cluster_run(*QUICK, *grouping)
+    assert cluster_run.checksums() == expected
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--default-resources", "slurm_partition=fast"], "Slurm has no partition 'fast'"),
+        (["--set-resources", "basis:gpu=1"], "asks for a GPU, but the partition cpu has none; GPUs are in: gpu"),
+        (["--set-resources", "basis:mem_mb=10000000"], "asks for 10000000 MB, but the largest node"),
+    ],
+)  # fmt: skip
+def test_what_the_cluster_has_not_is_one_sentence_before_any_job(cluster_run, arguments, sentence):
+    before = queue("-t", "all", "-o", "%i")
+    done = cluster_run(*QUICK, *arguments, check=False)
+    (said,) = [line for line in (done.stdout + done.stderr).splitlines() if line.startswith("vibraverse: ")]
+    assert (done.returncode, sentence in said) == (2, True), said
+    assert queue("-t", "all", "-o", "%i") == before
+
+
+def test_a_stopped_slurm_is_one_sentence(cluster_run):
+    slurm_script("stop")
+    try:
+        done = cluster_run(*QUICK, check=False)
+    finally:
+        slurm_script("start")
+    text = done.stdout + done.stderr
+    assert done.returncode != 0
+    assert "Slurm does not answer" in text, text
+    assert subprocess.run(["sinfo"], capture_output=True).returncode == 0

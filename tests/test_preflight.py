@@ -1,0 +1,211 @@
+"""Containers and clusters without either: names, labels, profiles, and the sentences said before a run."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from vibraverse import compiled, containers, preflight
+
+PROFILES = ("default", "apptainer", "slurm", "slurm-apptainer", "kubernetes")
+
+
+def stub(folder, name: str, text: str) -> None:
+    """Put a command into a folder of the PATH."""
+    (folder / name).write_text(f"#!/bin/sh\n{text}\n")
+    (folder / name).chmod(0o755)
+
+
+@pytest.fixture
+def bin_(tmp_path, monkeypatch):
+    """The only folder of the PATH besides the system's own tools."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+    return folder
+
+
+@pytest.fixture
+def cluster(bin_):
+    """A Slurm of two partitions, of which one has GPUs, and an empty queue."""
+    stub(bin_, "sinfo", "echo 'cpu*|64000|(null)'; echo 'gpu|32000|gpu:2'")
+    stub(bin_, "squeue", "true")
+    return bin_
+
+
+def said(check, *arguments) -> str:
+    """Return a check's sentence, which must be one."""
+    with pytest.raises(preflight.NotThere) as found:
+        check(*arguments)
+    assert "\n" not in str(found.value)
+    return str(found.value)
+
+
+# Rules and profiles
+
+
+def test_every_rule_that_runs_a_stage_has_the_image_of_its_environment(root):
+    for path in (root / "workflow/rules").glob("*.smk"):
+        for rule in re.split(r"^rule ", path.read_text(), flags=re.M)[1:]:
+            environment = re.search(r"envs/(\w+)\.yaml", rule)
+            if environment:
+                assert f'image("{environment[1]}")' in rule, f"{path.name}: {rule.splitlines()[0]}"
+                assert environment[1] in containers.FAMILIES
+
+
+def test_profiles_agree_where_machines_do_not_matter(root):
+    texts = {name: (root / f"workflow/profiles/{name}/config.yaml").read_text() for name in PROFILES}
+    shared = texts["default"][texts["default"].index("scheduler:") : texts["default"].index("latency-wait")]
+    for name, text in texts.items():
+        assert shared in text, name
+    loaded = {name: yaml.safe_load(text) for name, text in texts.items()}
+    assert {**loaded["slurm"], **loaded["apptainer"], "retries": 2, "latency-wait": 60} == loaded[
+        "slurm-apptainer"
+    ]
+
+
+@pytest.fixture(scope="module")
+def snakemake_help() -> str:
+    """What Snakemake and the plugins of the environment say they take."""
+    return subprocess.run(
+        [sys.executable, "-m", "snakemake", "--help"], capture_output=True, text=True
+    ).stdout
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+def test_profiles_hold_only_options_that_snakemake_knows(root, snakemake_help, profile):
+    """Commented ones too; keys of plugins that are not installed here are those of Kubernetes and S3."""
+    lines = (root / f"workflow/profiles/{profile}/config.yaml").read_text().splitlines()
+    keys = {match[1] for line in lines if (match := re.match(r"(?:# )?([a-z][a-z0-9-]+): ", line))}
+    keys = {key for key in keys if not key.startswith(("kubernetes-", "storage-s3-"))}
+    assert keys - {"container-image"} <= set(re.findall(r"--([a-z][a-z0-9-]+)", snakemake_help)), profile
+
+
+def test_the_dockerfile_says_what_the_definitions_say(root):
+    docker = (root / "containers/Dockerfile").read_text()
+    environment = (root / "containers/environment.sh").read_text()
+    for name in ("NUMBA_CACHE_DIR", "NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES"):
+        value = re.search(rf"{name}=(\S+)", environment)[1]
+        assert f"{name}={value}" in docker
+    assert "://" not in docker + (root / "containers/base.def").read_text()
+
+
+# Names and labels
+
+
+def test_an_image_is_named_by_family_and_version(monkeypatch, tmp_path):
+    monkeypatch.setenv("VIBRAVERSE_IMAGES", str(tmp_path))
+    assert containers.image("fem") == f"{tmp_path}/vibraverse-fem-{containers.__version__}.sif"
+    monkeypatch.setenv("VIBRAVERSE_IMAGES", "docker://registry.example/shapes/")
+    assert (
+        containers.image("fem") == f"docker://registry.example/shapes/vibraverse-fem:{containers.__version__}"
+    )
+    monkeypatch.setenv("VIBRAVERSE_IMAGES", "/my images")
+    assert containers.image("fem") is None
+
+
+def test_an_image_holds_code_and_one_lock():
+    names = {str(path) for path in containers.contents("fem")}
+    assert {"envs/fem.txt", "workflow/vibraverse/cli.py", "workflow/vibraverse/report/page.js"} <= names
+    assert not any("__pycache__" in name or name.startswith("envs/geometry") for name in names)
+
+
+@pytest.mark.parametrize(
+    ("label", "value", "sentence"),
+    [
+        (None, None, ""),
+        ("version", "0.0.9", "is of version 0.0.9, not "),
+        ("lock", "0", "was built from other packages than envs/fem.txt pins"),
+        ("contents", "0", "was built from another state of the code"),
+        ("family", "render", "is of the family render"),
+        ("contents", "", "is not an image of this project"),
+    ],
+)
+def test_an_image_of_another_making_is_told_from_this_one(bin_, tmp_path, label, value, sentence):
+    image = tmp_path / "fem.sif"
+    image.touch()
+    there = containers.labels("fem")
+    if label:
+        there[f"vibraverse.{label}"] = value
+    (tmp_path / "answer").write_text(json.dumps({"data": {"attributes": {"labels": there}}}))
+    stub(bin_, "apptainer", f"cat {tmp_path}/answer")
+    found = containers.differences("fem", image)
+    assert found.startswith(sentence) if sentence else found == ""
+
+
+# The sentences before a run
+
+
+def test_without_apptainer(bin_, monkeypatch):
+    monkeypatch.setenv("PATH", str(bin_))
+    assert "there is no command apptainer" in said(preflight.apptainer)
+    stub(bin_, "apptainer", "true")
+    preflight.apptainer()
+    monkeypatch.setenv("VIBRAVERSE_IMAGES", "/my images")
+    assert "has a space in its name" in said(preflight.apptainer)
+
+
+def test_a_missing_image_names_the_remedy(monkeypatch, tmp_path):
+    monkeypatch.setenv("VIBRAVERSE_IMAGES", str(tmp_path))
+    sentence = said(preflight.images, [containers.image("fem")])
+    assert sentence.startswith(f"the image {tmp_path}/vibraverse-fem-")
+    assert "is not there; run `make containers`" in sentence
+    monkeypatch.setenv("VIBRAVERSE_IMAGES", "docker://registry.example/shapes")
+    preflight.images([containers.image("fem")])
+
+
+@pytest.mark.parametrize(
+    ("resources", "sentence"),
+    [
+        (
+            {"slurm_partition": "fast"},
+            "no partition 'fast', which the rule tets asks for; there are: cpu, gpu.",
+        ),
+        ({"gpu": 1}, "asks for a GPU, but the partition cpu has none; GPUs are in: gpu."),
+        ({"mem_mb": 64001}, "asks for 64001 MB, but the largest node of the partition cpu has 64000 MB"),
+        ({"slurm_partition": "gpu", "mem_mb": 40000}, "the partition gpu has 32000 MB"),
+    ],
+)
+def test_what_a_cluster_has_not(cluster, resources, sentence):
+    assert sentence in said(preflight.slurm, [("sources", {"mem_mb": 1000}), ("tets", resources)])
+
+
+def test_what_a_cluster_has(cluster):
+    preflight.slurm([("train", {"gpu": 1, "slurm_partition": "gpu"}), ("tets", {"mem_mb": 4000})])
+
+
+def test_a_slurm_that_does_not_answer(bin_, monkeypatch):
+    stub(bin_, "sinfo", "echo 'slurm_load_partitions: Unable to contact slurm controller' >&2; exit 1")
+    assert "Slurm does not answer (slurm_load_partitions: Unable" in said(preflight.slurm, [])
+    monkeypatch.setenv("PATH", "/nowhere")
+    assert "there is no command sinfo here" in said(preflight.slurm, [])
+
+
+def test_jobs_of_an_earlier_run_are_waited_for(cluster, tmp_path):
+    stub(cluster, "squeue", f"echo '17|{tmp_path}'; echo '18|/elsewhere'")
+    sentence = said(preflight.slurm, [], tmp_path)
+    assert "1 Slurm jobs of an earlier run" in sentence
+    assert "`scancel 17`" in sentence
+
+
+# Compiled loops
+
+
+def test_loops_on_read_only_storage_are_copied(monkeypatch, tmp_path):
+    kept = tmp_path / "kept/geometry_1"
+    kept.mkdir(parents=True)
+    (kept / "loop.nbi").write_text("compiled")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(kept.parent))
+    compiled.use_compiled_loops()
+    assert compiled.os.environ["NUMBA_CACHE_DIR"] == str(kept.parent), "what can be written is used in place"
+    monkeypatch.setattr(compiled.os, "access", lambda *_: False)
+    compiled.use_compiled_loops()
+    own = compiled.os.environ["NUMBA_CACHE_DIR"]
+    assert own != str(kept.parent)
+    assert Path(own, "geometry_1/loop.nbi").read_text() == "compiled"

@@ -1,0 +1,20 @@
+# What a run needs of the machine, asked before its first job. Included last: every rule is known.
+from snakemake.settings.types import DeploymentMethod
+
+from vibraverse import preflight
+
+in_containers = DeploymentMethod.APPTAINER in workflow.deployment_settings.deployment_method
+if in_containers and workflow.is_main_process:
+    preflight.stop_without(preflight.apptainer)
+
+
+onstart:
+    waiting = list(workflow.dag.needrun_jobs())
+    if in_containers:
+        preflight.stop_without(
+            preflight.images, [job.container_img_url for job in waiting if job.container_img_url]
+        )
+    if workflow.executor_plugin.name == "slurm":
+        preflight.stop_without(
+            preflight.slurm, [(job.rule.name, job.resources) for job in waiting if not job.is_local]
+        )

@@ -1,0 +1,127 @@
+"""Whether what a run asks for is there, said in one sentence before its first job: Apptainer, images, Slurm.
+
+A job that cannot start waits in a queue, or fails with the words of a tool that its owner may never have called. What
+can be known before is asked here, of the jobs that will run and nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+from vibraverse import containers
+
+
+class NotThere(Exception):
+    """Something that the run needs is not there; the message says what, and the remedy."""
+
+
+def stop_without(check, *arguments) -> None:
+    """Run a check; end the process with its sentence and exit status 2 where it fails."""
+    try:
+        check(*arguments)
+    except NotThere as missing:
+        print(f"vibraverse: {missing}", file=sys.stderr)
+        sys.exit(2)
+
+
+def apptainer() -> None:
+    """Check that images can be run, and named."""
+    if not any(map(shutil.which, ("apptainer", "singularity"))):
+        raise NotThere(
+            "the profile asks for containers, but there is no command apptainer on the PATH; install Apptainer "
+            "(or load its module), or run without containers: --workflow-profile workflow/profiles/default"
+        )
+    if containers.image("any") is None:
+        raise NotThere(
+            f"the images' folder {containers.folder()} has a space in its name, which Snakemake cannot pass on; "
+            "put them elsewhere and set VIBRAVERSE_IMAGES to that folder"
+        )
+
+
+def images(urls: Iterable[str]) -> None:
+    """Check that each image file is there and made of this checkout; images in a registry are taken as named."""
+    named = {containers.image(family): family for family in containers.FAMILIES}
+    for url in sorted(set(urls)):
+        if "://" not in url and url in named:
+            difference = containers.differences(named[url], url)
+            if difference:
+                raise NotThere(
+                    f"the image {url} {difference}; run `make containers`, then the same command again"
+                )
+
+
+def slurm(jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".") -> None:
+    """Check that Slurm answers, has what the jobs (rule, resources) ask for, and no earlier run's jobs in ``folder``."""
+    partitions, default = _partitions()
+    _no_earlier_jobs(Path(folder).resolve())
+    asked = {}
+    for rule, resources in jobs:
+        gpus = resources.get("gpu") or ("gpu" in str(resources.get("gres", "")))
+        partition = resources.get("slurm_partition") or default
+        key = (rule, partition, bool(gpus))
+        asked[key] = max(asked.get(key, 0), int(resources.get("mem_mb") or 0))
+    for (rule, chosen, gpus), memory_mb in sorted(asked.items(), key=str):
+        for name in (chosen or "").split(",") if chosen else []:
+            if name not in partitions:
+                raise NotThere(
+                    f"Slurm has no partition {name!r}, which the rule {rule} asks for; there are: "
+                    f"{', '.join(sorted(partitions))}. Set slurm_partition in the profile"
+                )
+            memory, has_gpus = partitions[name]
+            if gpus and not has_gpus:
+                others = [other for other, (_, has) in sorted(partitions.items()) if has]
+                raise NotThere(
+                    f"the rule {rule} asks for a GPU, but the partition {name} has none; "
+                    + (f"GPUs are in: {', '.join(others)}" if others else "no partition has one")
+                    + f". Set slurm_partition or gpu of {rule} in the profile's set-resources"
+                )
+            if memory_mb > memory:
+                raise NotThere(
+                    f"the rule {rule} asks for {memory_mb} MB, but the largest node of the partition {name} has "
+                    f"{memory} MB; choose another partition, or set its mem_mb in the profile's set-resources"
+                )
+
+
+def _ask(*command: str) -> str:
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=60)
+    except FileNotFoundError:
+        raise NotThere(
+            f"the profile asks for Slurm, but there is no command {command[0]} here; log in to the cluster's "
+            "submit node, or run without it: --workflow-profile workflow/profiles/default"
+        ) from None
+    except subprocess.TimeoutExpired:
+        done = subprocess.CompletedProcess(command, 1, "", "no answer within 60 s")
+    if done.returncode != 0:
+        words = (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+        raise NotThere(f"Slurm does not answer ({words}); `scontrol ping` tells more, nothing was submitted")
+    return done.stdout
+
+
+def _partitions() -> tuple[dict[str, tuple[int, bool]], str | None]:
+    """Return name -> (MB of the largest node, whether it has GPUs), and the default partition."""
+    found: dict[str, tuple[int, bool]] = {}
+    default = None
+    for line in _ask("sinfo", "-h", "-o", "%P|%m|%G").splitlines():
+        name, memory, gres = line.split("|")
+        if name.endswith("*"):
+            name = default = name[:-1]
+        old = found.get(name, (0, False))
+        found[name] = (max(old[0], int(memory.rstrip("+"))), old[1] or "gpu" in gres)
+    return found, default
+
+
+def _no_earlier_jobs(folder: Path) -> None:
+    """Check that no job of a run that was killed still writes here: it and this run would disturb each other."""
+    queue = _ask("squeue", "-h", "-u", str(os.getuid()), "-t", "PENDING,RUNNING,COMPLETING", "-o", "%i|%Z")
+    left = [line.split("|")[0] for line in queue.splitlines() if line.split("|")[1] == str(folder)]
+    if left:
+        raise NotThere(
+            f"{len(left)} Slurm jobs of an earlier run still work in {folder}; wait until `squeue --me` shows none, or "
+            f"end them with `scancel {' '.join(left[:20])}`, then repeat the command"
+        )
