@@ -103,8 +103,8 @@ class Pardiso:
         self._solver.set_phase(33)
 
     def solve(self, b: np.ndarray) -> np.ndarray:
-        """Return ``x`` with ``A x = b`` for b of shape (n,) or (n, k)."""
-        return self._solver._call_pardiso(self._upper, np.asfortranarray(b, dtype=float))
+        """Return ``x`` with ``A x = b`` for b of shape (n,) or (n, k), columns contiguous."""
+        return np.asfortranarray(self._solver._call_pardiso(self._upper, np.asfortranarray(b, dtype=float)))
 
     def inverse_root(self, noise: np.ndarray) -> np.ndarray:
         """Return ``R noise`` for noise (n, k), where ``R Rᵀ = A⁻¹`` and A is positive definite: half a solve."""

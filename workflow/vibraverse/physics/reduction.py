@@ -19,13 +19,13 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from vibraverse.physics.columns import Columns, clear, orthonormalise
+from vibraverse.physics.columns import Columns, clear, combine, orthonormalise
 from vibraverse.physics.elasticity import Operators, lame, rigid_modes
 
 #: Random vectors per estimate.
 _SKETCH = 48
 #: Room made at first, in multiples of the modes the space starts with.
-_CAPACITY = 6
+_CAPACITY = 8
 #: The gap to the modes that the space does not resolve is not taken below this share.
 _LEAST_GAP = 0.15
 #: Directions of a correction that lower the error by less than this share of the error wanted are left out.
@@ -119,16 +119,16 @@ class Reduction:
         """Let the space grow by the corrections of Ritz pairs (m,), (r, m) at a Poisson's ratio."""
         lam, mu = lame(1.0, poisson)
         residual = (
-            self._images[0].all @ (lam * coefficients)
-            + self._images[1].all @ (mu * coefficients)
-            - self._images[2].all @ (values * coefficients)
+            combine(self._images[0].all, lam * coefficients)
+            + combine(self._images[1].all, mu * coefficients)
+            - combine(self._images[2].all, values * coefficients)
         )
         # Scaled so that xᵀ B x is the square of the relative error; directions that hardly lower it are left out.
         residual /= np.sqrt(values)
         correction = self._factor.solve(residual)
         energy = correction.T @ residual
         gain, turn = np.linalg.eigh(0.5 * (energy + energy.T))
-        self._extend(correction @ turn[:, gain > _NEGLIGIBLE * max_error])
+        self._extend(combine(correction, turn[:, gain > _NEGLIGIBLE * max_error]))
 
     def needed(self, coefficients: np.ndarray, drop: float) -> np.ndarray:
         """Return an orthonormal basis (r, s) of the directions that Ritz vectors (r, m) need by more than ``drop``.
@@ -150,7 +150,7 @@ class Reduction:
     def _extend(self, block: np.ndarray) -> None:
         """Join the span of ``block`` (n, k)."""
         old, weighted_old = self.vectors, self._images[2].all
-        block = block.copy()
+        block = np.array(block, order="F")
         clear(block, self._rigid, self._weighted_rigid)
         clear(block, old, weighted_old)
         block, weighted, _ = orthonormalise(block, self._operators.mass)
