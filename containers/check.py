@@ -147,8 +147,9 @@ def fem(check: Check) -> None:
     record.write_text(json.dumps({"size_m": 0.2, "size_origin": "generated"}))
     check.run("basis", *check.options("basis"), solidity="solid", tets=tets, basis=basis)
     check.run(
-        "modes", *check.options("modes"), solidity="solid", basis=basis, clean_record=record, modes=modes
-    )
+        "modes", *check.options("modes"), solidity="solid",
+        basis=basis, tets=tets, clean_record=record, modes=modes,
+    )  # fmt: skip
     check.run(
         "audio", *check.options("audio"), solidity="solid", modes=modes,
         sounds=check.at(paths.sound, material="steel"), record=check.at(paths.audio_record),

@@ -96,6 +96,19 @@ def test_the_dockerfile_says_what_the_definitions_say(root):
     assert "://" not in docker + (root / "containers/base.def").read_text()
 
 
+@pytest.mark.parametrize("family", containers.FAMILIES)
+def test_an_images_own_test_calls_the_stages_as_they_are(root, tmp_path, family):
+    """The part of ``containers/check.py`` that needs no image; in a process of its own, for stages start others."""
+    call = "import check, pathlib, sys; check.STAGES[sys.argv[1]](check.Check(pathlib.Path(sys.argv[2])))"
+    done = subprocess.run(
+        [sys.executable, "-c", call, family, str(tmp_path)],
+        cwd=root / "containers",
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+
+
 # Names and labels
 
 

@@ -13,11 +13,11 @@ HERE = Path(__file__).resolve().parent
 HOLLOW = {**TINY, "solidities": ["hollow"]}
 #: From meshes to sounds: the families of geometry and finite elements, without pictures, dataset and report.
 CHAIN = ("--until", "audio")
-#: What a Slurm without accounting on one machine needs; polling fast, because jobs are short.
+#: What a Slurm without accounting on one machine needs. The plugin looks after 8 s, which most jobs take, and then 10 s later.
 QUICK = (
     *CHAIN,
     "--latency-wait", "20", "--max-status-checks-per-second", "10",
-    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "2",
+    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "8",
 )  # fmt: skip
 
 
