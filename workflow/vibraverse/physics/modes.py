@@ -63,10 +63,10 @@ def solve_material(
     reduced = reduced_solve(basis, material["poisson"], modes, corrected)
     omega = np.sqrt(reduced.values * young / density) / scale_m
     damping, damped = rayleigh_damping(omega, material["alpha_per_s"], material["beta_s"])
-    surface = basis.surface
+    rank = basis.surface.shape[2]
+    shapes = _combined(basis.surface, reduced.coefficients[:rank])
     if corrected:
-        surface = np.concatenate([surface, basis.correction_surface], axis=2)
-    shapes = np.einsum("var,rm->mva", surface, reduced.coefficients, optimize=True)
+        shapes += _combined(basis.correction_surface, reduced.coefficients[rank:])
     return MaterialModes(
         frequencies_hz=omega / (2 * np.pi),
         damped_frequencies_hz=damped / (2 * np.pi),
@@ -77,6 +77,12 @@ def solve_material(
         mode_shapes=shapes / np.sqrt(density * scale_m**3),
         mass_kg=density * basis.volume * scale_m**3,
     )
+
+
+def _combined(surface: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Return the combinations (m, V, 3) of fields on the surface (V, 3, r), in their precision."""
+    fields = surface.reshape(-1, surface.shape[2])
+    return (coefficients.T.astype(fields.dtype) @ fields.T).reshape(-1, *surface.shape[:2])
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,107 @@
+"""New materials from the basis against solves of their own: time, error, and what the estimate says of it.
+
+    python benchmarks/materials.py [--materials 20] [OBJECT[:hollow] ...]
+
+Materials are random over the range of real ones (E 5e8 to 5e11 Pa, ρ 500 to 10,000 kg/m³, ν 0.1 to 0.4). Both sides use
+the same matrices; the sparse solve's own error is near 1e-9. A material's time is that of its frequencies, damping and
+mode shapes on one thread, once the basis is read.
+"""
+
+from __future__ import annotations
+
+import argparse
+import multiprocessing
+import time
+
+from vibraverse.cli import set_threads
+
+set_threads(1)
+
+import numpy as np  # noqa: E402
+from accuracy import surface  # noqa: E402
+
+MODES = 64
+OBJECTS = (
+    "nut", "bowl-0000", "bell-0000", "tuning-fork-0000", "gear-0000",
+    "vase-0000", "nut:hollow", "bowl-0000:hollow", "cup-0000", "spoon-0000",
+)  # fmt: skip
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("objects", nargs="*", default=OBJECTS, help="ids; append :hollow for the hollow body")
+    parser.add_argument("--materials", type=int, default=20, help="materials per object")
+    arguments = parser.parse_args()
+    print(
+        "| body | unknowns | basis, CPU s | a material, CPU ms: median, largest | error, largest | estimate / error |"
+    )
+    print("|" + 6 * " --- |")
+    rows = []
+    for name in arguments.objects:
+        # A process each, because the sparse solver keeps the memory of the largest mesh.
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            row = pool.apply(_row, (name, arguments.materials))
+        rows.append(row)
+        milliseconds, error, ratio = row["milliseconds"], row["error"], row["ratio"]
+        print(
+            f"| {name} | {row['unknowns']:,} | {row['seconds']:.1f} | {np.median(milliseconds):.1f}, "
+            f"{max(milliseconds):.1f} | {error:.1e} | {ratio.min():.2f} to {ratio.max():.2g} |",
+            flush=True,
+        )
+    every = np.concatenate([row["milliseconds"] for row in rows])
+    ratios = np.concatenate([row["ratio"] for row in rows])
+    print(
+        f"{len(every)} materials: median {np.median(every):.1f} ms, 95th percentile {np.percentile(every, 95):.1f} ms; "
+        f"largest error {max(row['error'] for row in rows):.1e}; "
+        f"the estimate is {ratios.min():.2f} times the error or more."
+    )
+
+
+def _row(name: str, count: int) -> dict:
+    from vibraverse.geometry.tets import tetrahedralise
+    from vibraverse.physics.basis import build_basis
+    from vibraverse.physics.eigensolver import solve
+    from vibraverse.physics.elasticity import assemble
+    from vibraverse.physics.modes import solve_material
+    from vibraverse.seeds import rng
+
+    object_, _, solidity = name.partition(":")
+    mesh = tetrahedralise(*surface(object_, solidity or "solid"))
+    start = time.process_time()
+    basis = build_basis(mesh.points, mesh.cells, rng=rng(name, "basis"), modes=MODES)
+    seconds = time.process_time() - start
+    operators, random = assemble(mesh.points, mesh.cells), rng(name, "materials")
+    milliseconds, errors, estimates = [], [], []
+    for _ in range(count):
+        material = {
+            "young_pa": 10 ** random.uniform(np.log10(5e8), np.log10(5e11)),
+            "density_kg_m3": random.uniform(500, 10_000),
+            "poisson": random.uniform(0.1, 0.4),
+            "alpha_per_s": 5.0,
+            "beta_s": 1e-7,
+        }
+        start = time.process_time()
+        solve_material(basis, material, 0.1, MODES)
+        milliseconds.append(1000 * (time.process_time() - start))
+        # What the basis adds is asked of the mesh as it is: corrections are the same on both sides.
+        found = solve_material(basis, material, 0.1, MODES, corrected=False)
+        exact = solve(operators, material["poisson"], MODES, rng=rng(name, "direct"), tolerance=1e-5).values
+        exact_hz = np.sqrt(exact * material["young_pa"] / material["density_kg_m3"]) / 0.1 / (2 * np.pi)
+        errors.append(found.frequencies_hz / exact_hz - 1)
+        estimates.append(found.relative_error)
+    error, estimate = np.concatenate(errors), np.concatenate(estimates)
+    # Below this the solve itself is not known better.
+    known = error > 1e-8
+    return {
+        "unknowns": operators.unknowns,
+        "seconds": seconds,
+        "milliseconds": milliseconds,
+        "error": float(np.abs(error).max()),
+        "ratio": (estimate / np.where(known, error, 1.0))[known],
+    }
+
+
+if __name__ == "__main__":
+    main()
