@@ -6,6 +6,12 @@ from pathlib import Path
 
 import pytest
 
+from vibraverse.cli import set_threads
+
+# As every job of a run, and before any test module loads a numerical library: threads that wait for each other on
+# a busy machine cost many times what they save.
+set_threads(1)
+
 ROOT = Path(__file__).resolve().parent.parent
 SHARED_MESHES = ROOT.parent / "shared" / "meshes"
 
