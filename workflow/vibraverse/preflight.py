@@ -56,7 +56,7 @@ def images(urls: Iterable[str]) -> None:
 
 
 def slurm(jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".") -> None:
-    """Check that Slurm answers, has what the jobs (rule, resources) ask for, and no earlier run's jobs in ``folder``."""
+    """Check that Slurm answers, has what jobs (rule, resources) ask for, and no earlier run's jobs in ``folder``."""
     partitions, default = _partitions()
     _no_earlier_jobs(Path(folder).resolve())
     asked = {}
