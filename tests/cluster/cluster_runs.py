@@ -13,7 +13,7 @@ HERE = Path(__file__).resolve().parent
 HOLLOW = {**TINY, "solidities": ["hollow"]}
 #: From meshes to sounds: the families of geometry and finite elements, without pictures, dataset and report.
 CHAIN = ("--until", "audio")
-#: What a Slurm without accounting on one machine needs. The plugin looks after 8 s, which most jobs take, then every 10.
+#: What a Slurm without accounting on one machine needs. It looks after 8 s, which most jobs take and then every 10.
 QUICK = (
     *CHAIN,
     "--latency-wait", "20", "--max-status-checks-per-second", "10",
