@@ -24,6 +24,14 @@ def box(sides, divisions) -> tuple[np.ndarray, np.ndarray]:
     return oriented(mesh.p.T.copy(), mesh.t.T.copy())
 
 
+def distorted_box(sides, divisions, by: float, random) -> tuple[np.ndarray, np.ndarray]:
+    """Return a :func:`box` whose inner points are moved by up to ``by``, so that no element is like another."""
+    points, cells = box(sides, divisions)
+    inner = ((points > 1e-9) & (points < np.array(sides) - 1e-9)).all(axis=1)
+    points[inner] += by * random.uniform(-1, 1, (inner.sum(), 3))
+    return points, cells
+
+
 def ball(radius: float, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Return a ball meshed by gmsh with elements of about ``size``, blown up to the true ball's volume.
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from meshes import box
+from meshes import box, distorted_box
 from vibraverse.physics.basis import boundary, build_basis, rigid_body
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
@@ -21,11 +21,7 @@ SIDES = (1.0, 0.8, 0.5)
 
 @pytest.fixture(scope="module")
 def mesh():
-    """A brick whose inner points are moved, so that no element is like another."""
-    points, cells = box(SIDES, (5, 4, 3))
-    inner = ((points > 1e-9) & (points < np.array(SIDES) - 1e-9)).all(axis=1)
-    points[inner] += 0.03 * rng("test").uniform(-1, 1, (inner.sum(), 3))
-    return points, cells
+    return distorted_box(SIDES, (5, 4, 3), 0.03, rng("test"))
 
 
 @pytest.fixture(scope="module", params=[1, 2])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshes import box
+from meshes import box, distorted_box
 from vibraverse.physics.columns import residuals
 from vibraverse.physics.eigensolver import RIGID, count_below, solve
 from vibraverse.physics.elasticity import assemble, lame
@@ -19,12 +19,8 @@ POISSON = 0.3
 
 @pytest.fixture(scope="module")
 def operators():
-    """A brick whose inner points are moved, so that no element is like another and no eigenvalue multiple."""
-    sides = np.array([1.0, 0.8, 0.5])
-    points, cells = box(sides, (3, 3, 2))
-    inner = ((points > 1e-9) & (points < sides - 1e-9)).all(axis=1)
-    points[inner] += 0.03 * rng("test").uniform(-1, 1, (inner.sum(), 3))
-    return assemble(points, cells)
+    """Those of a brick no element of which is like another, and so no eigenvalue multiple."""
+    return assemble(*distorted_box((1.0, 0.8, 0.5), (3, 3, 2), 0.03, rng("test")))
 
 
 @pytest.fixture(scope="module")

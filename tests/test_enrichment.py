@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from meshes import box
+from meshes import box, distorted_box
 from vibraverse.physics import enrichment
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.eigensolver import solve
@@ -17,11 +17,9 @@ SIDES, DIVISIONS, MODES, POISSON = (1.0, 0.8, 0.5), (4, 3, 2), 30, 0.3
 
 
 def distorted(divisions, by: float):
-    """A brick whose inner points are moved, numbered anew at random."""
+    """A distorted brick, numbered anew at random."""
     random = rng("distorted")
-    points, cells = box(SIDES, divisions)
-    inner = ((points > 1e-9) & (points < np.array(SIDES) - 1e-9)).all(axis=1)
-    points[inner] += by * random.uniform(-1, 1, (inner.sum(), 3))
+    points, cells = distorted_box(SIDES, divisions, by, random)
     order = random.permutation(len(points))
     return points[order], np.argsort(order)[cells]
 
