@@ -6,13 +6,13 @@ A rung is a function of the welded soup that returns a surface or raises :class:
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
+from vibraverse.geometry.attempt import Attempt, once
 from vibraverse.geometry.boxes import contains
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.deviation import Deviation, deviation
@@ -41,26 +41,6 @@ _SHEET = 3.0
 _LOST = 0.01
 #: This share of a result's area may be made up. A hemisphere's cover is a third of what it closes: a bowl stays a bowl.
 _INVENTED = 0.3
-
-
-@dataclass
-class Attempt:
-    """What one rung may do and what it did."""
-
-    max_dropped: float = 0.0
-    """Share of the volume that may be dropped by the rungs that drop."""
-    thickness: float = 0.0
-    """Thickness given to sheets by the rungs that do, in normalised units."""
-    made: dict[tuple, tuple[Attempt, list[Mesh] | Unfit]] = field(default_factory=dict)
-    """What several rungs need, kept for those that come later."""
-    notes: list[str] = field(default_factory=list)
-    """What was done, in words."""
-    dropped: list[Mesh] = field(default_factory=list)
-    """Bodies left out."""
-    dropped_share: float = 0.0
-    """Their share of the volume."""
-    filled_cavities: int = 0
-    """Shells inside others, facing inwards, that were filled."""
 
 
 @dataclass(frozen=True)
@@ -203,35 +183,13 @@ _DROPPING = (largest, largest_wrap, thickened, thickly_wrapped)
 _THICKENING = (thickened, thickly_wrapped)
 
 
-def _once(step: Callable) -> Callable:
-    """Let a step of several rungs be taken by the first that needs it; later ones get the same, notes and all."""
-
-    @functools.wraps(step)
-    def taken(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, *options: float) -> list[Mesh]:
-        key = step, *options
-        if key not in attempt.made:
-            own = Attempt(made=attempt.made)
-            try:
-                attempt.made[key] = own, step(vertices, faces, own, *options)
-            except Unfit as unfit:
-                attempt.made[key] = own, unfit
-        own, result = attempt.made[key]
-        if isinstance(result, Unfit):
-            raise result
-        attempt.notes += own.notes
-        attempt.filled_cavities += own.filled_cavities
-        return result
-
-    return taken
-
-
-@_once
+@once
 def _bodies(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> list[Mesh]:
     """Return the bodies that the parts of a soup, each closed, enclose together."""
     return _united(_closed_parts(vertices, faces, attempt), attempt)
 
 
-@_once
+@once
 def _wraps(
     vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, alpha: float, offset: float
 ) -> list[Mesh]:
@@ -239,7 +197,7 @@ def _wraps(
     return surfaces.components(*repair.wrap(vertices, faces, alpha, offset))
 
 
-@_once
+@once
 def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> list[Mesh]:
     """Return every part with its holes closed, facing outward; parts that then enclose nothing are left out."""
     bodies, inward, closed, flat = [], [], 0, 0
