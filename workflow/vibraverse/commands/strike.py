@@ -26,8 +26,6 @@ from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.refusal import Refused, read_refusal
 
-#: Estimated relative frequency error above which strike warns.
-_TOLERANCE = 1e-4
 _OVERRIDES = {
     "density_kg_m3": "rho",
     "young_pa": "young",
@@ -287,7 +285,7 @@ class _Strike:
         warnings = [f"clean: {note}" for note in clean.get("repairs", [])]
         said = (note.replace("tets.target_elements", _FLAGS["target_elements"]) for note in tets["warnings"])
         warnings += [f"tets: {note.rstrip('.')}" for note in said]
-        if error.max() > _TOLERANCE:
+        if error.max() > self.options["modes"].tolerance:
             warnings.append(f"modes: the estimated frequency error reaches {error.max():.1e}")
         if rendered["modes_above_nyquist"]:
             warnings.append(

@@ -27,8 +27,8 @@ from vibraverse.physics.factorisation import factorise
 from vibraverse.physics.reduction import Reduction, solve_reduced
 
 #: Modes solved for beyond those kept: where spectra cross, a mode just above the last one kept at one ν is among
-#: those kept elsewhere.
-_GUARD = 8
+#: those kept elsewhere, and corrections may bring it among them.
+GUARD = 8
 #: The factor by which ``1 - 2ν`` may change over a part of the range with one factorisation.
 _REACH = 4.0
 #: Values of ν per part at which errors are looked at, and corrections there at most; the estimates stay true if these
@@ -103,7 +103,7 @@ def build_basis(
     Raises :class:`vibraverse.refusal.Refused` where the mesh is invalid or the solve fails.
     """
     operators = assemble(points, cells, order)
-    solved = min(modes + _GUARD, max(modes, operators.unknowns - RIGID - 2))
+    solved = min(modes + GUARD, max(modes, operators.unknowns - RIGID - 2))
     centres = _centres(*poisson_range)
     centre = centres[0]
     pairs = solve(
@@ -122,8 +122,9 @@ def build_basis(
         nodes += _adapt(space, modes, solved, near, max_error)
         probes += near
     turn, error = _compressed(space, modes, probes, max_error)
-    turn = turn * signs(space.vectors @ turn)
-    vectors, (a_lambda, a_mu, sketch) = space.vectors @ turn, space.turned(turn)
+    vectors = space.vectors @ turn
+    sign = signs(vectors)
+    vectors, (a_lambda, a_mu, sketch) = vectors * sign, space.turned(turn * sign)
     if len(centres) > 1:
         factor.update(operators.shifted(*lame(1.0, centre), pairs.shift))
     lowest, coefficients, _ = space.solve(centre, modes, solved - modes)

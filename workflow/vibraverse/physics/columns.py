@@ -61,21 +61,30 @@ def clear(block: np.ndarray, space: np.ndarray, weighted: np.ndarray) -> np.ndar
     return coefficients
 
 
+def orthonormalising(gram: np.ndarray, rounding: float) -> tuple[np.ndarray, float]:
+    """Return ``turn`` (m, k) with ``turnᵀ gram turn = I`` for a Gram matrix (m, m), and its least eigenvalue.
+
+    Columns are scaled to unit length; directions whose eigenvalue is below the share ``rounding`` of the largest one
+    are left out. The least eigenvalue is relative to the largest.
+    """
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
+    weights, directions = scipy.linalg.eigh(gram * scale[:, None] * scale)
+    kept = weights > rounding * weights[-1]
+    turn = scale[:, None] * directions[:, kept] / np.sqrt(weights[kept])
+    return turn, float(weights[0] / weights[-1])
+
+
 def orthonormalise(space: np.ndarray, mass: sp.csr_matrix):
     """Return an M-orthonormal basis Q of the columns' span, ``M Q`` and ``M space``.
 
-    Columns are scaled to unit length; directions of their Gram matrix that are rounding are left out. A second pass
+    Directions of their Gram matrix that are rounding are left out. A second pass
     removes what rounding left of the first, where that is more than a few digits.
     """
     weighted_space = weighted = mass @ space
     for limit in (1e-14, 1e-3):
-        gram = space.T @ weighted
-        scale = 1.0 / np.sqrt(np.diag(gram))
-        weights, vectors = scipy.linalg.eigh(gram * scale[:, None] * scale)
-        keep = weights > limit * weights[-1]
-        turn = scale[:, None] * vectors[:, keep] / np.sqrt(weights[keep])
+        turn, condition = orthonormalising(space.T @ weighted, limit)
         space, weighted = combine(space, turn), combine(weighted, turn)
-        if weights[0] > _WELL_CONDITIONED * weights[-1]:
+        if condition > _WELL_CONDITIONED:
             break
     return space, weighted, weighted_space
 

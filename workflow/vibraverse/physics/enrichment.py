@@ -26,7 +26,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from vibraverse.physics.columns import orthonormalise, signs
+from vibraverse.physics.columns import orthonormalise, orthonormalising, signs
 from vibraverse.physics.elasticity import Operators, lame, rigid_modes
 
 #: Steps of conjugate gradients; a fourth would lower frequencies by a hundredth to a tenth of what three do.
@@ -81,7 +81,7 @@ def correct(
     rigid, _, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
     drift = rigid.T @ weighted[:n]
     vectors = found[:n] - rigid @ drift
-    turn = _orthonormalising(found.T @ weighted - drift.T @ drift)
+    turn, _ = orthonormalising((found.T @ weighted - drift.T @ drift).astype(float), _ROUNDING)
     turn = turn * signs(vectors @ turn)
     columns = []
     for matrix, unit in ((operators.k_lambda, (1.0, 0.0)), (operators.k_mu, (0.0, 1.0))):
@@ -130,8 +130,8 @@ def _conjugate_gradients(operator, precondition, residual: np.ndarray, direction
     solution = np.zeros_like(residual)
     for step in range(_STEPS):
         image = operator(direction)
-        turn = _orthonormalising(direction.T @ image).astype(np.float32)
-        direction, image = direction @ turn, image @ turn
+        turn, _ = orthonormalising((direction.T @ image).astype(float), _ROUNDING)
+        direction, image = (fields @ turn.astype(np.float32) for fields in (direction, image))
         length = direction.T @ residual
         solution += direction @ length
         if step < _STEPS - 1:
@@ -139,15 +139,6 @@ def _conjugate_gradients(operator, precondition, residual: np.ndarray, direction
             fresh = precondition(residual)
             direction = fresh - direction @ (image.T @ fresh)
     return solution
-
-
-def _orthonormalising(gram: np.ndarray) -> np.ndarray:
-    """Return ``turn`` (m, k) with ``turnᵀ gram turn = I``, without the directions that are rounding."""
-    gram = gram.astype(float)
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
-    weights, directions = np.linalg.eigh(scale[:, None] * gram * scale)
-    kept = weights > _ROUNDING * weights[-1]
-    return scale[:, None] * directions[:, kept] / np.sqrt(weights[kept])
 
 
 class _Surplus:

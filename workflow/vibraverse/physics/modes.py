@@ -12,13 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.physics.basis import ModalBasis
+from vibraverse.physics.basis import GUARD, ModalBasis
 from vibraverse.physics.columns import fix_signs
 from vibraverse.physics.enrichment import solve_corrected
 from vibraverse.physics.reduction import solve_reduced
 
-#: Pairs beyond those wanted whose corrections may bring them among them.
-_GUARD = 8
 #: What corrections leave of the elements' error, as a share of what they remove: near the largest seen
 #: (benchmarks/accuracy.py), so that the estimate errs on the safe side.
 _LEFT = 0.25
@@ -101,7 +99,7 @@ class ReducedModes:
 def reduced_solve(basis: ModalBasis, poisson: float, modes: int, corrected: bool = True) -> ReducedModes:
     """Return the lowest pairs of a body for E = ρ = 1."""
     values, vectors, error = solve_reduced(
-        basis.a_lambda, basis.a_mu, basis.sketch, basis.energy_poisson, poisson, modes, _GUARD
+        basis.a_lambda, basis.a_mu, basis.sketch, basis.energy_poisson, poisson, modes, GUARD
     )
     lower, mixed, lowered, lowered_here = solve_corrected(
         basis.correction_lambda, basis.correction_mu, basis.correction_mass, poisson, values, vectors, modes
