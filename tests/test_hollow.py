@@ -72,7 +72,7 @@ def test_the_deepest_point_is_found_below_the_grid():
     vertices, faces = shapes.box((1.8, 0.731, 0.5))
     centre = np.array([0.01, 0.02, 0.0137])
     vertices = vertices + centre
-    s_min, point = deepest_point(ClosestPoint(vertices, faces), Sampler(vertices, faces).signed_distance(32))
+    s_min, point = deepest_point(vertices, faces, Sampler(vertices, faces).signed_distance(32))
     assert s_min == pytest.approx(-0.25, abs=1e-5)
     assert point[2] == pytest.approx(0.0137, abs=1e-4)
 

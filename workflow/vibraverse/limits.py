@@ -1,7 +1,8 @@
-"""Run one function in a child process with a time and a memory limit.
+"""Limits of time and memory: of one function in a child process, or of memory in this one.
 
 Meshers hang and crash on real models. In a child they cost one object, not the run: a timeout, a crash or
-an exhausted memory limit becomes a refusal that carries the tool's last words.
+an exhausted memory limit becomes a refusal that carries the tool's last words. Solvers do neither, but what they need
+grows fast with the mesh; they get a limit where they run.
 """
 
 from __future__ import annotations
@@ -11,7 +12,8 @@ import os
 import signal
 import sys
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from vibraverse.refusal import Refused
@@ -94,3 +96,28 @@ def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, 
         name = signal.Signals(number).name if number > 0 else f"exit status {process.exitcode}"
         raise Refused("meshing_failed", f"{what} crashed ({name}).{said}", "Repair or simplify the mesh.")
     raise Refused("meshing_failed", f"{what} failed: {value}.{said}", "Repair or simplify the mesh.")
+
+
+@contextmanager
+def limited_memory(memory_mb: int, what: str, key: str) -> Iterator[None]:
+    """Let this process have no more than ``memory_mb`` of address space, as configured by ``key``, for a while.
+
+    Raises :class:`Refused` with reason ``limit`` instead of ``MemoryError``.
+    """
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    limit = memory_mb * 2**20
+    if before[1] != resource.RLIM_INFINITY:
+        limit = min(limit, before[1])
+    resource.setrlimit(resource.RLIMIT_AS, (limit, before[1]))
+    try:
+        yield
+    except MemoryError:
+        raise Refused(
+            "limit",
+            f"{what} needed more than {memory_mb} MB.",
+            f"Raise {key}, or lower tets.target_elements.",
+        ) from None
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)

@@ -55,6 +55,9 @@ class Basis(Section):
     tolerance: float = Field(1e-3, gt=0, le=1e-2)
     """Largest ``‖K u - ω² M u‖ / ‖ω² M u‖`` of the sparse solve; eigenvalues are right to about its square."""
 
+    memory_mb: PositiveInt = 16000
+    """Memory (address space) that the solve may take; a body that needs more is refused."""
+
     @field_validator("poisson_range")
     @classmethod
     def _ascending(cls, value: tuple[float, float]) -> tuple[float, float]:
@@ -71,6 +74,9 @@ class Modes(Section):
 
     tolerance: float = Field(1e-4, gt=0, le=1e-2)
     """Largest estimated relative error by the basis; a material beyond it is solved on the mesh itself."""
+
+    memory_mb: PositiveInt = 16000
+    """Memory (address space) that such a solve may take; a body that needs more is refused."""
 
 
 class MaterialModes(Modes):

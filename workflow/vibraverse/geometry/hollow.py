@@ -1,9 +1,9 @@
 """Hollow bodies: the outside stays triangle for triangle, ``S(P) <= t · s_min`` is taken away.
 
 ``S`` is the signed distance, ``s_min`` its value at the deepest point, found below the grid's resolution. The
-wall is ``t |s_min|`` thick everywhere and the cavity reaches ``(1 - t) |s_min|`` from its deepest point. Where
-that is only a few cells the distance is sampled on a finer grid around the cavity, so that its surface is as
-good for a thin bowl as for a thick block.
+wall is ``t |s_min|`` thick everywhere and the cavity reaches ``(1 - t) |s_min|`` from its deepest point. The
+distance is sampled anew on a grid around the cavity, whose spacing follows from that reach and from the body's
+extent: the cavity's surface is as good for a thin bowl as for a thick block, and the same however the body lies.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.geometry import Mesh, repair, surfaces
+from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.boxes import contains
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
@@ -20,16 +20,16 @@ from vibraverse.geometry.grids import cell_centres
 from vibraverse.geometry.remesh import remesh
 from vibraverse.refusal import Refused
 
-#: The cavity's reach should be this many samples; the grid is refined up to the largest factor.
-_SAMPLES, _FACTORS = 2.5, (1, 2, 3, 4)
+#: The cavity's reach should be this many samples; they are no closer than the grid's by more than this factor.
+_SAMPLES, _FINEST = 3.0, 4.0
 #: With fewer samples than this the cavity is not resolved.
 _FEWEST = 1.5
 #: Width of the Gaussian, in samples, that takes away blades and lace too thin for the samples. It leaves the
 #: distance unchanged where that is linear, which is all but the cavity's edges.
 _SMOOTHING = 0.6
 #: A cavity ends where it would reach less than this many samples, more when its surface cannot be remade otherwise; how
-#: deep the body is nearby is looked for so many samples around.
-_BLADES, _NEARBY = (0.75, 1.5, 3.0), 2
+#: deep the body is nearby is looked for so many samples around, and blurred over so many.
+_BLADES, _NEARBY, _BLURRED = (0.75, 1.5, 3.0), 3, 2
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
 #: Before a level set is remade, triangles go where that moves it by at most this many samples; of these the first with
@@ -37,8 +37,8 @@ _SPECK = 1.5
 _FLAT = (0.1, 0.05, 0.02)
 #: Edge length wanted on the cavity's surface, in normalised units.
 _SIZE = 0.06
-#: The deepest point is sought from at most this many samples.
-_STARTS = 32
+#: The deepest point is sought in so many cells at a time, down to cells of this size.
+_CELLS, _RESOLVED = 1024, 1e-5
 _LEAVE_OUT = "Leave the hollow body of this object out, or raise grids.fine."
 #: The cavity must keep this share of the wall after its surface was remade.
 _CLEARANCE = 0.6
@@ -76,12 +76,10 @@ def hollow(
     cell centres, ``0 < t < 1``. Raises :class:`Refused` with reason ``too_thin`` when the cavity cannot be resolved, or
     has less than the share ``min_kept`` of the volume asked for.
     """
-    closest = ClosestPoint(vertices, faces)
-    s_min, deepest = deepest_point(closest, distance)
+    s_min, deepest = deepest_point(vertices, faces, distance)
     level, reach = t * s_min, (1 - t) * -s_min
     cell = 2.0 / distance.shape[0]
-    factor = next((k for k in _FACTORS if reach * k >= _SAMPLES * cell), _FACTORS[-1])
-    spacing = cell / factor
+    spacing = max(cell / _FINEST, min(_coarsest(vertices, faces, cell), reach / _SAMPLES))
     if reach < _FEWEST * spacing:
         raise Refused(
             "too_thin",
@@ -89,7 +87,8 @@ def hollow(
             f"a cavity of {2 * reach:.4f} cannot be resolved at {spacing:.4f}.",
             _LEAVE_OUT,
         )
-    samples = _sampled((vertices, faces), closest, distance, level, factor)
+    closest = ClosestPoint(vertices, faces)
+    samples = _sampled((vertices, faces), closest, distance, level, spacing)
     # A sample within half a spacing of the level has a part of its cell on either side.
     asked = float(np.clip((level - samples[0]) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
     cavity, specks = None, 0
@@ -126,61 +125,68 @@ def hollow(
     return body
 
 
-def deepest_point(closest: ClosestPoint, distance: np.ndarray) -> tuple[float, np.ndarray]:
-    """Return the least signed distance inside the body and the point where it is.
+def deepest_point(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the least signed distance inside a closed surface and the point where it is.
 
-    Starts at the samples that are the deepest of their neighbourhood and, since depth changes no faster than
-    position, may be next to the deepest point; each moves uphill in shrinking steps until the distance is known to
-    1e-5. Raises :class:`Refused` with reason ``too_thin`` when no sample is inside.
+    ``distance`` (n, n, n) is the signed distance at cell centres of [-1, 1]³. Depth changes no faster than position, so
+    a cell whose centre is shallower than the deepest point known by more than half its diagonal cannot hold a deeper
+    one. The others are halved, the deepest first where they are very many, until they are smaller than 1e-5. (Going
+    uphill instead ends on the first crease of the depth.) Raises :class:`Refused` with reason ``too_thin`` when no
+    sample is inside.
     """
-    from scipy.ndimage import minimum_filter
-
     n = distance.shape[0]
-    lowest = float(distance.min())
-    if lowest >= 0:
+    if distance.min() >= 0:
         raise Refused("too_thin", "The body holds no sample of the distance grid.", _LEAVE_OUT)
-    candidate = (distance <= min(lowest + np.sqrt(3) / n, 0.0)) & (distance == minimum_filter(distance, 3))
-    start = np.flatnonzero(candidate)
-    start = start[np.argsort(distance.ravel()[start], kind="stable")][:_STARTS]
-    points = cell_centres(n)[np.stack(np.unravel_index(start, distance.shape), axis=1)]
-    best = closest.distance(points)
-    moves = np.stack(np.meshgrid(*[[-1, 0, 1]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
-    step = 1.0 / n
-    while step > 1e-5:
-        # A step shorter than the depth stays inside the largest ball around the point, so inside the body.
-        length = np.minimum(step, 0.5 * best)
-        trial = points[:, None] + length[:, None, None] * moves
-        depth = closest.distance(trial)
-        rows, choice = np.arange(len(points)), depth.argmax(axis=1)
-        gained = depth[rows, choice] - best
-        points = np.where((gained > 0)[:, None], trial[rows, choice], points)
-        best = np.maximum(best, depth[rows, choice])
-        if gained.max() < 0.1 * step:
-            step /= 2
-    winner = int(best.argmax())
-    return -float(best[winner]), points[winner]
+    closest = ClosestPoint(vertices, faces)
+    half = 1.0 / n
+    near = np.argwhere(distance <= min(distance.min() + np.sqrt(3) * half, 0.0))
+    centres, depth = cell_centres(n)[near], -distance[tuple(near.T)].astype(np.float64)
+    corners = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    best, where = -1.0, centres[0]
+    while half > _RESOLVED:
+        chosen = np.argsort(-depth, kind="stable")[:_CELLS]
+        parents = np.repeat(depth[chosen], len(corners))
+        centres = (centres[chosen, None] + half * corners).reshape(-1, 3)
+        depth, half = closest.distance(centres), half / 2
+        # Nothing outside is within a point's depth of it.
+        unsure = parents <= np.sqrt(3) * half
+        depth[unsure] *= np.where(contains(vertices, faces, centres[unsure]), 1.0, -1.0)
+        if depth.max() > best:
+            best, where = float(depth.max()), centres[depth.argmax()]
+        promising = depth > best - np.sqrt(3) * half
+        centres, depth = centres[promising], depth[promising]
+    return -best, where
+
+
+def _coarsest(vertices: np.ndarray, faces: np.ndarray, cell: float) -> float:
+    """Return the largest spacing of samples, the same in proportion to the body however it lies.
+
+    It is the grid's for a cube, whose corners are as far from its middle as they can be with sides of that length.
+    """
+    corners = vertices[faces]
+    _, areas = surfaces.normals_and_areas(vertices, faces)
+    middle = areas @ corners.mean(axis=1) / areas.sum()
+    farthest = np.linalg.norm(vertices - middle, axis=1).max()
+    return float(cell * min(1.0, farthest / (np.sqrt(3) * LONGEST_SIDE / 2)))
 
 
 def _sampled(
-    surface: Mesh, closest: ClosestPoint, distance: np.ndarray, level: float, factor: int
+    surface: Mesh, closest: ClosestPoint, distance: np.ndarray, level: float, spacing: float
 ) -> tuple[np.ndarray, np.ndarray, float]:
     """Return samples of the signed distance around the cavity, the position of the first, and their spacing.
 
-    On a finer grid only samples near the level are measured; the others are interpolated, which decides on
-    which side of the level they are and no more.
+    Only samples near the level are measured; the others are interpolated from the grid's, which decides on which side
+    of the level they are and no more.
     """
+    from scipy.ndimage import map_coordinates
+
     n = distance.shape[0]
     cell = 2.0 / n
     near = np.argwhere(distance <= level + 2 * cell)
     low, high = np.maximum(near.min(axis=0) - 1, 0), np.minimum(near.max(axis=0) + 2, n)
     block = distance[tuple(slice(a, b) for a, b in zip(low, high, strict=True))].astype(np.float64)
     origin = cell_centres(n)[low]
-    if factor == 1:
-        return block, origin, cell
-    from scipy.ndimage import map_coordinates
-
-    spacing = cell / factor
-    axes = [np.arange((side - 1) * factor + 1) / factor for side in block.shape]
+    axes = [np.arange(0.0, side - 1 + 1e-9, spacing / cell) for side in block.shape]
     fine = map_coordinates(block, np.meshgrid(*axes, indexing="ij"), order=1)
     close = np.argwhere(np.abs(fine - level) < 0.75 * cell)
     points = origin + spacing * close
@@ -196,10 +202,13 @@ def _opened(samples: np.ndarray, least: float) -> np.ndarray:
     Where a wall is about as thick as the level set asks for, the set is a blade full of holes. Here it ends
     instead. In thick parts nothing changes, since a few samples further in the body is deeper than that.
     """
-    from scipy.ndimage import gaussian_filter, minimum_filter
+    from scipy.ndimage import gaussian_filter, generate_binary_structure, minimum_filter
 
-    nearby = minimum_filter(samples, 2 * _NEARBY + 1, mode="nearest")
-    return np.maximum(samples, gaussian_filter(nearby, _NEARBY, mode="nearest") + least)
+    # A cube and octahedra one after the other are about round, at the cost of their few points.
+    nearby = minimum_filter(samples, 3, mode="nearest")
+    for _ in range(_NEARBY - 1):
+        nearby = minimum_filter(nearby, footprint=generate_binary_structure(3, 1), mode="nearest")
+    return np.maximum(samples, gaussian_filter(nearby, _BLURRED, mode="nearest") + least)
 
 
 def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: float, blade: float) -> Mesh:

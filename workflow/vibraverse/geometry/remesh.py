@@ -8,13 +8,19 @@ the original above face ``f`` is measured at three points, and each vertex takes
 ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over its faces. Planes and ridges stay where they are because the original
 has no height above their faces. What volume is then still missing comes from the vertices that moved, along their
 normals and in proportion.
+
+What Mmg makes of a surface depends on the triangles it starts from: where a third of the edges of a bell are split it
+leaves a quarter more triangles of the same wanted size. So a body's surface is first :class:`Evened`: remade at half
+the size, whereby its own triangles are forgotten. From there it is remade at every size that is tried.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from vibraverse.geometry import Mesh
+from vibraverse.geometry import Mesh, repair
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.ridges import ridges
@@ -34,39 +40,78 @@ _SAMPLES = np.array([[4.0, 1.0, 1.0], [1.0, 4.0, 1.0], [1.0, 1.0, 4.0]]) / 6.0
 #: Weight ε that keeps a vertex from sliding along its surface.
 _STIFFNESS = 0.05
 _ROUNDS = 3
+#: How often a surface is remade with smaller triangles where it cuts itself.
+_MENDED = 5
 #: Sheets that meet in more than this share of the faces are no local matter.
 _LOCAL = 0.02
 #: Where the surface bends, triangles may shrink to this share of the wanted size.
 _SHRINK = 0.3
 #: Ridges that extend less than this share of the wanted size are smoothed.
 _SHORTEST = 0.5
+#: A surface is evened at this share of the size and the deviation wanted.
+_EVEN = 0.5
+#: Edges longer than this many sizes are split before, so that sizes given at vertices can vary along them.
+_LONG = 2.0
 
 
 class SheetsMeet(RuntimeError):
     """Two sheets of a remade surface cut or touch each other: the triangles are too large for the gap between."""
 
 
-def remesh(
-    vertices: np.ndarray,
-    faces: np.ndarray,
-    sizes: float | np.ndarray,
-    deviation: float,
-    ridge_deg: float = 35.0,
-    rounds: int = 5,
-) -> Mesh:
-    """Return the closed surface remade with edges of about ``sizes``, of the same volume, not cutting itself.
+class Evened:
+    """A closed surface (V, 3), (F, 3) with even triangles of half a ``size``, to be remade at about that size.
 
-    ``sizes`` is one length or one per vertex (V,). ``deviation`` bounds the distance from the original: where the
-    surface bends, triangles shrink until they keep it. Ridges, where the normal turns by more than ``ridge_deg`` along
-    at least about half a size, stay sharp. Where two sheets are so close that the remade ones cut each other, these are
-    remade finer, until the last of ``rounds``. Raises :class:`SheetsMeet` when they then still do, ``RuntimeError``
-    when Mmg fails.
+    Ridges, where the normal of the original turns by more than ``ridge_deg`` along at least half a size, stay sharp.
+    ``sizing(points, size)`` gives the edge lengths (P,) wanted at points (P, 3) when they are ``size`` far from where
+    the body needs smaller ones; ``deviation`` bounds the distance from the original. Raises ``RuntimeError`` when Mmg
+    fails.
     """
-    closest, wanted = ClosestPoint(vertices, faces), volume(vertices, faces)
-    local = np.broadcast_to(np.asarray(sizes, dtype=np.float64), len(vertices))
-    sharp = ridges(vertices, faces, ridge_deg, _SHORTEST * float(local.max()))
-    for _ in range(rounds):
-        points, triangles = _mmg(vertices, faces, local, deviation, sharp)
+
+    def __init__(
+        self,
+        vertices: np.ndarray,
+        faces: np.ndarray,
+        size: float,
+        sizing: Callable[[np.ndarray, float], np.ndarray],
+        deviation: float,
+        ridge_deg: float,
+    ):
+        self.size, self._sizing = size, sizing
+        self._closest, self._wanted = ClosestPoint(vertices, faces), volume(vertices, faces)
+        vertices, faces = repair.split(vertices, faces, _LONG * size)
+        sharp = ridges(vertices, faces, ridge_deg, _SHORTEST * size)
+        self._start = _mmg(vertices, faces, _EVEN * sizing(vertices, size), _EVEN * deviation, sharp)
+
+    def remade(self, size: float, deviation: float) -> Mesh:
+        """Return the surface as :func:`remesh` does, with edges of the lengths wanted for a size."""
+        return _remade(
+            self._closest, self._wanted, self._start, self._sizing(self._start[0], size), deviation
+        )
+
+
+def remesh(
+    vertices: np.ndarray, faces: np.ndarray, size: float, deviation: float, ridge_deg: float = 35.0
+) -> Mesh:
+    """Return the closed surface remade with edges of about ``size``, of the same volume, not cutting itself.
+
+    ``deviation`` bounds the distance from the original: where the surface bends, triangles shrink until they keep it.
+    Ridges, where the normal turns by more than ``ridge_deg`` along at least about half a size, stay sharp. Where two
+    sheets are so close that the remade ones cut each other, these are remade finer. Raises :class:`SheetsMeet` when
+    they still do in the end, ``RuntimeError`` when Mmg fails.
+    """
+    start = vertices, faces, ridges(vertices, faces, ridge_deg, _SHORTEST * size)
+    sizes = np.full(len(vertices), float(size))
+    return _remade(ClosestPoint(vertices, faces), volume(vertices, faces), start, sizes, deviation)
+
+
+def _remade(closest: ClosestPoint, wanted: float, start: tuple, local: np.ndarray, deviation: float) -> Mesh:
+    """Remake the surface ``start``, vertices (V, 3), faces (F, 3) and ridges (E, 2), with edges of ``local`` (V,).
+
+    ``closest`` finds points of the original surface, ``wanted`` is its volume.
+    """
+    vertices, faces, sharp = start
+    for _ in range(_MENDED):
+        points, triangles, _ = _mmg(vertices, faces, local, deviation, sharp)
         spoilt = _spoilt(points, triangles)
         if not spoilt.any():
             points = _fitted(closest, wanted, points, triangles)
@@ -92,8 +137,11 @@ def _spoilt(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 def _mmg(
     vertices: np.ndarray, faces: np.ndarray, sizes: np.ndarray, deviation: float, sharp: np.ndarray
-) -> Mesh:
-    """Run Mmg's surface remesher with a wanted size (V,) at every vertex and edges (E, 2) to keep sharp."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Run Mmg's surface remesher with a wanted size (V,) at every vertex and edges (E, 2) to keep sharp.
+
+    Returns vertices, triangles and what became of those edges.
+    """
     from mmgpy import MmgMeshS
 
     mesh = MmgMeshS()
@@ -112,7 +160,8 @@ def _mmg(
         ar=180.0,  # Mmg would look for ridges of its own
         verbose=-1,
     )
-    return mesh.get_vertices().copy(), mesh.get_triangles().astype(np.int64)
+    edges = mesh.get_edges().astype(np.int64) if len(sharp) else np.zeros((0, 2), np.int64)
+    return mesh.get_vertices().copy(), mesh.get_triangles().astype(np.int64), edges
 
 
 def _finer(vertices: np.ndarray, sizes: np.ndarray, points: np.ndarray, crossing: np.ndarray) -> np.ndarray:

@@ -14,25 +14,27 @@ import numpy as np
 
 from vibraverse.geometry import Mesh, quality, surfaces
 from vibraverse.geometry.fill import ALGORITHMS, fill
-from vibraverse.geometry.remesh import SheetsMeet, remesh
+from vibraverse.geometry.remesh import Evened, SheetsMeet
 from vibraverse.geometry.sight import depth_below
-from vibraverse.geometry.sizing import sized
+from vibraverse.geometry.sizing import Sizing
 from vibraverse.refusal import Refused
 
 #: Ridges at which the normal turns by more than this many degrees stay sharp: the recipes, tried in this order.
 RIDGES_DEG = (35.0, 50.0, 180.0, 25.0)
 #: The element count may miss the target by this factor before the size is tried again, at most so often;
 #: at first the size changes by this power of the miss.
-_TOLERANCE, _TRIALS, _EXPONENT = 1.15, 5, 0.55
+_TOLERANCE, _TRIALS, _EXPONENT = 1.08, 5, 0.55
 #: Elements should be no larger than this many times the body's mean thickness 2V/A. To that end there may be so many
 #: times more of them than asked for.
-_THICKNESSES, _MORE = 3.0, 2.0
+_THICKNESSES, _MORE = 2.0, 2.0
 #: A size at which sheets meet is followed by this share of it; when nothing else happened so often, the recipe ends.
 _STEP_BACK, _MEETINGS = 0.85, 3
+#: A surface evened for one size serves others down to this share of it.
+_STALE = 0.6
 #: Sizes are not tried beyond this many times the first.
 _GROWN = 2.0
 #: How far the remade surface may be from the original: a share of the body's mean thickness, within shares of the size.
-_OF_THICKNESS, _LEAST, _MOST = 0.2, 0.1, 0.3
+_OF_THICKNESS, _LEAST, _MOST = 0.2, 0.1, 0.1
 #: How much gmsh's second optimiser adds to the number of elements.
 _OPTIMISED = 1.03
 #: An element count this many times the target is worth a warning.
@@ -56,11 +58,13 @@ class TetMesh:
 
 @dataclass(frozen=True)
 class _Remade:
-    """A remade surface, the size it was made at, and the logarithm of its element count over the target."""
+    """A remade surface, the size it was made at, how many elements it should hold, and the logarithm of how many it
+    does over that."""
 
     size: float
     points: np.ndarray
     triangles: np.ndarray
+    wanted: float
     excess: float
 
 
@@ -95,14 +99,11 @@ def tetrahedralise(
     surface's by at most the share ``max_volume_change`` and whose faces all meet at ``min_dihedral_deg`` or more.
     """
     body = _Body(vertices, faces)
-    target = int(
-        np.clip(body.count_at(_THICKNESSES * body.thickness), target_elements, _MORE * target_elements)
-    )
-    size = body.size_for(target)
+    size = body.size_for(target_elements)
     complaints: list[str] = []
     for ridge_deg in RIDGES_DEG:
         try:
-            remade = _sized(body, ridge_deg, size, target)
+            remade = _sized(body, ridge_deg, size, target_elements)
         except (Refused, RuntimeError) as error:
             complaints.append(getattr(error, "message", str(error)).rstrip("."))
             continue
@@ -116,7 +117,7 @@ def tetrahedralise(
                 complaints.append(refused.message.rstrip("."))
                 continue
             table = {"ridge_deg": ridge_deg, "algorithm": algorithm, **table, "layers": _layers(remade)}
-            return TetMesh(nodes, cells, table, _warnings(table, len(cells), target))
+            return TetMesh(nodes, cells, table, _warnings(table, len(cells), remade.wanted))
     raise Refused(
         "meshing_failed",
         f"No recipe filled the surface with tetrahedra: {'; '.join(dict.fromkeys(complaints))}.",
@@ -131,6 +132,7 @@ class _Body:
         self._surface = vertices, faces
         self.volume, self.area = surfaces.volume(vertices, faces), surfaces.area(vertices, faces)
         self.thickness = 2 * self.volume / self.area
+        self._evened: dict[float, Evened] = {}
 
     def count_at(self, size: float) -> float:
         """Return about how many elements of a size surface layer and inside together hold."""
@@ -146,15 +148,23 @@ class _Body:
 
     def remade(self, size: float, ridge_deg: float) -> Mesh:
         """Return the surface with triangles of about ``size``."""
-        deviation = np.clip(_OF_THICKNESS * self.thickness, _LEAST * size, _MOST * size)
-        return remesh(*sized(*self._surface, size), float(deviation), ridge_deg)
+        evened = self._evened.get(ridge_deg)
+        if evened is None or size < _STALE * evened.size:
+            sizing = Sizing(*self._surface, size)
+            evened = Evened(*self._surface, size, sizing, self._deviation(size), ridge_deg)
+            self._evened[ridge_deg] = evened
+        return evened.remade(size, self._deviation(size))
+
+    def _deviation(self, size: float) -> float:
+        return float(np.clip(_OF_THICKNESS * self.thickness, _LEAST * size, _MOST * size))
 
 
 def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
     """Remake the surface at the size that gives about ``target`` elements, starting from ``size``.
 
-    Thin walls need triangles not much larger than they are thick: a size at which sheets cut each other is too
-    large whatever the target. A size far above the first one changes the shape more than the count.
+    Thin walls need triangles not much larger than they are thick: there the target is as many as elements of that size
+    make, within bounds. A size at which sheets cut each other is too large whatever the target; one far above the first
+    changes the shape more than the count.
     """
     tried: list[_Remade] = []
     largest, too_large, meetings = _GROWN * size, np.inf, 0
@@ -167,8 +177,10 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
                 break
             size *= _STEP_BACK
             continue
-        count = len(fill(points, triangles, optimise=False)[1])
-        tried.append(_Remade(size, points, triangles, float(np.log(_OPTIMISED * count / target))))
+        count = _OPTIMISED * len(fill(points, triangles, optimise=False)[1])
+        thin = count * body.count_at(_THICKNESSES * body.thickness) / body.count_at(size)
+        wanted = float(np.clip(thin, target, _MORE * target))
+        tried.append(_Remade(size, points, triangles, wanted, float(np.log(count / wanted))))
         if abs(tried[-1].excess) < np.log(_TOLERANCE):
             break
         size *= float(np.clip(np.exp(_exponent(tried) * tried[-1].excess), 0.5, 2.0))
@@ -225,7 +237,7 @@ def _layers(remade: _Remade) -> dict:
     }
 
 
-def _warnings(table: dict, count: int, target: int) -> list[str]:
+def _warnings(table: dict, count: int, target: float) -> list[str]:
     """Return sentences about what makes a mesh less trustworthy or dearer than asked."""
     warnings = []
     if table["layers"]["thin_share"] > 0.1:
@@ -235,7 +247,7 @@ def _warnings(table: dict, count: int, target: int) -> list[str]:
         )
     if count > _FAR_OFF * target:
         warnings.append(
-            f"{count} tetrahedra instead of {target}: sheets too close for larger triangles need them."
+            f"{count} tetrahedra instead of {target:.0f}: sheets too close for larger triangles need them."
         )
     if table["slivers"]:
         warnings.append(f"{table['slivers']} tetrahedra have an angle below 5 degrees between two faces.")

@@ -103,7 +103,7 @@ def solve_corrected(
     """Solve the reduced problem with the corrections of :class:`Corrections`, for E = ρ = 1.
 
     ``values`` (q,) and ``coefficients`` (r, q) are the lowest pairs without them, a few more than ``modes``. Returns
-    ω̂² (modes,), coefficients (r + m, modes), the share by which corrections lowered each of these frequencies (modes,),
+    ω̂² (q,), coefficients (r + m, modes), the share by which corrections lowered each of these frequencies (modes,),
     and by which they lowered each of the modes without them, which may stand in another order (modes,).
     """
     lam, mu = lame(1.0, poisson)
@@ -118,7 +118,7 @@ def solve_corrected(
     lowered = np.sqrt(values @ weights / weights.sum(axis=0) / corrected) - 1.0
     lowered_here = (weights @ lowered / weights.sum(axis=1))[:modes]
     vectors = np.concatenate([coefficients @ mixing[:kept, :modes], mixing[kept:, :modes]])
-    return corrected[:modes], vectors, lowered[:modes], lowered_here
+    return corrected, vectors, lowered[:modes], lowered_here
 
 
 def _conjugate_gradients(operator, precondition, residual: np.ndarray, direction: np.ndarray) -> np.ndarray:

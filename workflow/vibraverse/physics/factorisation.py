@@ -16,6 +16,8 @@ import scipy.sparse as sp
 
 from vibraverse.refusal import Refused
 
+_PARDISO_OUT_OF_MEMORY = -2
+
 
 class SuperLU:
     """LU factorisation by SciPy's SuperLU with an ordering for symmetric patterns."""
@@ -36,7 +38,7 @@ class SuperLU:
                 diag_pivot_thresh=0.0,
                 options={"SymmetricMode": True},
             )
-        except (RuntimeError, MemoryError) as error:
+        except RuntimeError as error:
             raise Refused("solve_failed", f"SuperLU could not factorise the matrix: {error}.") from None
 
     def solve(self, b: np.ndarray) -> np.ndarray:
@@ -98,6 +100,8 @@ class Pardiso:
             self._solver._call_pardiso(self._upper, np.zeros((matrix.shape[0], 1), order="F"))
         except PyPardisoError as error:
             self.free()
+            if error.value == _PARDISO_OUT_OF_MEMORY:
+                raise MemoryError from None
             raise Refused("solve_failed", f"PARDISO could not factorise the matrix: {error}") from None
         self.negative_pivots = int(self._solver.iparm[22])
         self._solver.set_phase(33)
@@ -150,7 +154,8 @@ def _pardiso_solver(matrix_type: int):
 def factorise(matrix: sp.csr_matrix, name: str = "auto", definite: bool = True):
     """Factorise a symmetric sparse matrix with the named or the best available method.
 
-    Raises :class:`Refused` with reason ``solve_failed`` when the matrix cannot be factorised.
+    Raises :class:`Refused` with reason ``solve_failed`` when the matrix cannot be factorised, ``MemoryError`` where
+    there is too little memory for its factors.
     """
     if available(name) == "pardiso":
         return Pardiso(matrix, definite)

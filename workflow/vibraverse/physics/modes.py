@@ -29,7 +29,8 @@ class MaterialModes:
     ``frequencies_hz`` (m,) undamped; ``damped_frequencies_hz`` (m,), 0 where overdamped; ``damping_per_s`` (m,);
     ``relative_error`` (m,) estimated relative error of each frequency by the reduction to the basis;
     ``discretisation_error`` (m,) estimated relative error by the elements; ``mode_shapes`` (m, V, 3) at the surface
-    vertices, mass-normalised, in kg^(-1/2).
+    vertices, mass-normalised, in kg^(-1/2). ``following_hz`` is the frequency of the next mode, which is not kept: where
+    it is that of the last one, the cut goes through a multiplet.
     """
 
     frequencies_hz: np.ndarray
@@ -38,6 +39,7 @@ class MaterialModes:
     relative_error: np.ndarray
     discretisation_error: np.ndarray
     mode_shapes: np.ndarray
+    following_hz: float
     mass_kg: float
 
 
@@ -59,7 +61,8 @@ def solve_material(
     young, density = material["young_pa"], material["density_kg_m3"]
     modes = min(modes, len(basis.residuals))
     reduced = reduced_solve(basis, material["poisson"], modes, corrected)
-    omega = np.sqrt(reduced.values * young / density) / scale_m
+    to_hz = np.sqrt(young / density) / scale_m / (2 * np.pi)
+    omega = 2 * np.pi * to_hz * np.sqrt(reduced.values)
     damping, damped = rayleigh_damping(omega, material["alpha_per_s"], material["beta_s"])
     rank = basis.surface.shape[2]
     shapes = _combined(basis.surface, reduced.coefficients[:rank])
@@ -71,6 +74,7 @@ def solve_material(
         damping_per_s=damping,
         relative_error=reduced.relative_error,
         discretisation_error=reduced.discretisation_error,
+        following_hz=float(to_hz * np.sqrt(reduced.following)),
         # The basis is normalised for unit density and unit scale; ρ s³ turns that mass into kilograms.
         mode_shapes=shapes / np.sqrt(density * scale_m**3),
         mass_kg=density * basis.volume * scale_m**3,
@@ -87,10 +91,12 @@ def _combined(surface: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 class ReducedModes:
     """Pairs for E = ρ = 1: ``values`` ω̂² (m,), ``coefficients`` (r, m), or (r + c, m) with corrections.
 
-    ``relative_error`` and ``discretisation_error`` (m,) as in :class:`MaterialModes`.
+    ``relative_error`` and ``discretisation_error`` (m,) as in :class:`MaterialModes`; ``following`` is the next ω̂², NaN
+    where the mesh has no more.
     """
 
     values: np.ndarray
+    following: float
     coefficients: np.ndarray
     relative_error: np.ndarray
     discretisation_error: np.ndarray
@@ -104,6 +110,8 @@ def reduced_solve(basis: ModalBasis, poisson: float, modes: int, corrected: bool
     lower, mixed, lowered, lowered_here = solve_corrected(
         basis.correction_lambda, basis.correction_mu, basis.correction_mass, poisson, values, vectors, modes
     )
+    found = lower if corrected else values
+    following = float(found[modes]) if len(found) > modes else np.nan
     if corrected:
-        return ReducedModes(lower, fix_signs(mixed), error[:modes], _LEFT * lowered)
-    return ReducedModes(values[:modes], fix_signs(vectors[:, :modes]), error[:modes], lowered_here)
+        return ReducedModes(lower[:modes], following, fix_signs(mixed), error[:modes], _LEFT * lowered)
+    return ReducedModes(values[:modes], following, fix_signs(vectors[:, :modes]), error[:modes], lowered_here)

@@ -63,24 +63,26 @@ def run(job: Job) -> None:
     """Solve for the basis of one body."""
     import h5py
 
+    from vibraverse.limits import limited_memory
     from vibraverse.physics.basis import build_basis
     from vibraverse.seeds import rng
     from vibraverse.tetfiles import read_tets
 
     points, cells = read_tets(job.inputs["tets"])
     options = job.options
-    basis = build_basis(
-        points,
-        cells,
-        rng=rng(job.object, job.solidity, "basis"),
-        order=options.order,
-        modes=options.modes,
-        poisson_range=options.poisson_range,
-        max_error=options.max_error,
-        method=options.method,
-        factorisation=options.factorisation,
-        tolerance=options.tolerance,
-    )
+    with limited_memory(options.memory_mb, "the eigensolver", "basis.memory_mb"):
+        basis = build_basis(
+            points,
+            cells,
+            rng=rng(job.object, job.solidity, "basis"),
+            order=options.order,
+            modes=options.modes,
+            poisson_range=options.poisson_range,
+            max_error=options.max_error,
+            method=options.method,
+            factorisation=options.factorisation,
+            tolerance=options.tolerance,
+        )
     with h5py.File(job.outputs["basis"], "w") as h5:
         write_basis(h5, basis)
         write_provenance(h5, job.provenance())

@@ -59,6 +59,7 @@ def run(job: Job) -> None:
             group.attrs["solved_directly"] = directly
             group.attrs.update(values)
             group.attrs["mass_kg"] = modes.mass_kg
+            group.attrs["following_hz"] = modes.following_hz
             for key, unit in _UNITS.items():
                 array = getattr(modes, key)
                 group.create_dataset(key, data=array.astype("f4") if key == "mode_shapes" else array)
@@ -79,18 +80,20 @@ def _solved(job: Job, basis, material: dict, scale_m: float):
     modes = solve_material(basis, material, scale_m, options.modes, options.corrected)
     if modes.relative_error.max() <= options.tolerance:
         return modes, False
+    from vibraverse.limits import limited_memory
     from vibraverse.physics.basis import build_basis
     from vibraverse.seeds import rng
     from vibraverse.tetfiles import read_tets
 
-    direct = build_basis(
-        *read_tets(job.inputs["tets"]),
-        rng=rng(job.object, job.solidity, "basis"),
-        order=basis.order,
-        modes=len(basis.residuals),
-        poisson_range=(material["poisson"],) * 2,
-        max_error=0.1 * options.tolerance,
-    )
+    with limited_memory(options.memory_mb, "the eigensolver", "modes.memory_mb"):
+        direct = build_basis(
+            *read_tets(job.inputs["tets"]),
+            rng=rng(job.object, job.solidity, "basis"),
+            order=basis.order,
+            modes=len(basis.residuals),
+            poisson_range=(material["poisson"],) * 2,
+            max_error=0.1 * options.tolerance,
+        )
     return solve_material(direct, material, scale_m, options.modes, options.corrected), True
 
 
