@@ -1,6 +1,8 @@
 """How far the default resolution is from a fine one: frequencies of generated and bundled objects, solid and hollow.
 
-python benchmarks/accuracy.py [--fine 25000] nut bowl-0000 bell-0000:hollow ...
+python benchmarks/accuracy.py [--fine 25000] nut bowl-0000 bell-0000:hollow block ball ...
+
+Bodies of the validation go by their names.
 
 Both meshes come from the same path; the fine one, corrected, stands in for the truth. Errors are those of the default
 mesh as its elements give the frequencies, and with their own error taken out. Some 6 GB of memory at 25,000 elements.
@@ -61,7 +63,11 @@ def surface(object_: str, solidity: str):
     from vibraverse.seeds import rng
     from vibraverse.sources.bundled import BUNDLED, locate
     from vibraverse.sources.families import generate
+    from vibraverse.validation.bodies import BODIES
+    from vibraverse.validation.meshes import skin
 
+    if object_ in BODIES:
+        return skin(BODIES[object_])[1]
     mesh = read_mesh(locate(object_), "ply") if object_ in BUNDLED else generate(object_)
     body = clean(mesh.vertices, mesh.faces)
     surface = body.vertices, body.faces

@@ -7,16 +7,19 @@ import json
 import h5py
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 import shapes
 from vibraverse import meshfiles
 from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.clean import clean
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import deepest_point, hollow
 from vibraverse.refusal import Refused, read_refusal
 from vibraverse.seeds import rng
+from vibraverse.sources.families import generate
 
 
 def check_hollow(body, vertices, faces):
@@ -75,6 +78,28 @@ def test_the_deepest_point_is_found_below_the_grid():
     s_min, point = deepest_point(vertices, faces, Sampler(vertices, faces).signed_distance(32))
     assert s_min == pytest.approx(-0.25, abs=1e-5)
     assert point[2] == pytest.approx(0.0137, abs=1e-4)
+
+
+def test_the_deepest_point_of_a_body_full_of_creases_is_found():
+    """The centre of a tetrahedron: from most places depth rises along creases alone."""
+    corners = 0.9 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]])
+    turn = Rotation.from_euler("xyz", (0.3, 0.5, 0.7)).as_matrix()
+    vertices, faces = corners @ turn / np.sqrt(3), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
+    s_min, point = deepest_point(vertices, faces, Sampler(vertices, faces).signed_distance(32))
+    assert s_min == pytest.approx(-0.3, abs=2e-5)  # a third of the circumscribed radius
+    assert np.linalg.norm(point) < 1e-4
+
+
+def test_a_cavity_does_not_depend_on_how_the_body_lies():
+    source = generate("bowl-0000")
+    shares = []
+    for angles in ((0, 0, 0), (0.4, 0.7, 0.2)):
+        body = clean(source.vertices @ Rotation.from_euler("xyz", angles).as_matrix(), source.faces)
+        surface = body.vertices, body.faces
+        made = hollow(*surface, Sampler(*surface).signed_distance(128), 0.5)
+        shares.append(sum(made.cavities) / surfaces.volume(*surface))
+    # Its wall is four cells of the grid thick.
+    assert shares[1] == pytest.approx(shares[0], rel=3e-3)
 
 
 def test_two_rooms_joined_by_a_thin_neck_stay_two():

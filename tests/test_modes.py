@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -217,6 +219,32 @@ def test_broken_tetrahedra_become_a_refusal(tmp_path, vibraverse):
         "basis",
         "solve_failed",
     )
+
+
+@pytest.mark.parametrize("factorisation", ["pardiso", "superlu"])
+def test_a_body_too_large_for_its_memory_is_refused(tmp_path, factorisation):
+    """In a process of its own, because the limit counts all that the process has."""
+    write_tets(tmp_path / "tets.msh", *box((1.8, 1.2, 0.9), (9, 7, 6)))
+    options = {"factorisation": factorisation, "memory_mb": 1000}
+    done = subprocess.run(
+        [sys.executable, "-m", "vibraverse", "basis", "--object", "brick", "--solidity", "solid",
+         "--tets", tmp_path / "tets.msh", "--basis", tmp_path / "basis.h5", "--options", json.dumps(options)],
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "Traceback" not in done.stderr
+    refusal = read_refusal(tmp_path / "basis.h5")
+    assert refusal.reason == "limit"
+    assert "1000 MB" in refusal.message
+    assert "basis.memory_mb" in refusal.advice
+
+
+def test_a_cut_through_a_multiplet_is_said():
+    """A cube's elastic modes come as 2, 3, 3, 3, ...: the fifth is one of three, the eighth the last of three."""
+    cube = build_basis(*box((1, 1, 1), (3, 3, 3)), rng=rng("c"), modes=12)
+    cut, whole = (solve_material(cube, MATERIALS["steel"], 0.1, modes, False) for modes in (4, 8))
+    assert cut.following_hz == pytest.approx(cut.frequencies_hz[-1], rel=1e-2)
+    assert whole.following_hz > 1.05 * whole.frequencies_hz[-1]
 
 
 def test_tetrahedra_file_round_trip(tmp_path):

@@ -39,14 +39,23 @@ def _box(sides) -> Mesh:
     return corners * sides, np.array([face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))])
 
 
+def skin(body: Body) -> tuple[float, Mesh]:
+    """Return metres per mesh unit and the surface that is filled, with its cavity where the body has one.
+
+    Raises :class:`vibraverse.refusal.Refused` as the stages do.
+    """
+    cleaned = clean(*surface(body))
+    outside = cleaned.vertices, cleaned.faces
+    if not body.wall:
+        return 1.0 / cleaned.scale, outside
+    hollowed = hollow(*outside, Sampler(*outside).signed_distance(_CELLS), body.wall)
+    return 1.0 / cleaned.scale, (hollowed.vertices, hollowed.faces)
+
+
 def meshes(body: Body) -> tuple[float, list[TetMesh]]:
     """Return metres per mesh unit, and tetrahedra for each number of elements of a body, coarse to fine.
 
     Raises :class:`vibraverse.refusal.Refused` as the stages do.
     """
-    cleaned = clean(*surface(body))
-    skin = cleaned.vertices, cleaned.faces
-    if body.wall:
-        hollowed = hollow(*skin, Sampler(*skin).signed_distance(_CELLS), body.wall)
-        skin = hollowed.vertices, hollowed.faces
-    return 1.0 / cleaned.scale, [tetrahedralise(*skin, count) for count in (*body.elements, *body.finer)]
+    scale_m, filled = skin(body)
+    return scale_m, [tetrahedralise(*filled, count) for count in (*body.elements, *body.finer)]
