@@ -50,7 +50,8 @@ _SHRINK = 0.3
 _SHORTEST = 0.5
 #: A surface is evened at this share of the size and the deviation wanted.
 _EVEN = 0.5
-#: Edges longer than this many sizes are split before, so that sizes given at vertices can vary along them.
+#: Edges longer than this many sizes are split before, so that sizes given at vertices can vary along them; and because
+#: Mmg's idea of the surface is a curved patch on every triangle, which bulges beside creases by a share of its length.
 _LONG = 2.0
 
 
@@ -99,9 +100,10 @@ def remesh(
     sheets are so close that the remade ones cut each other, these are remade finer. Raises :class:`SheetsMeet` when
     they still do in the end, ``RuntimeError`` when Mmg fails.
     """
+    closest, wanted = ClosestPoint(vertices, faces), volume(vertices, faces)
+    vertices, faces = repair.split(vertices, faces, _LONG * size)
     start = vertices, faces, ridges(vertices, faces, ridge_deg, _SHORTEST * size)
-    sizes = np.full(len(vertices), float(size))
-    return _remade(ClosestPoint(vertices, faces), volume(vertices, faces), start, sizes, deviation)
+    return _remade(closest, wanted, start, np.full(len(vertices), float(size)), deviation)
 
 
 def _remade(closest: ClosestPoint, wanted: float, start: tuple, local: np.ndarray, deviation: float) -> Mesh:

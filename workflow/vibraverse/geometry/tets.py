@@ -33,8 +33,8 @@ _STEP_BACK, _MEETINGS = 0.85, 3
 _STALE = 0.6
 #: Sizes are not tried beyond this many times the first.
 _GROWN = 2.0
-#: How far the remade surface may be from the original: a share of the body's mean thickness, within shares of the size.
-_OF_THICKNESS, _LEAST, _MOST = 0.2, 0.1, 0.1
+#: How far the remade surface may be from the original, as a share of the size.
+_DEVIATION = 0.1
 #: How much gmsh's second optimiser adds to the number of elements.
 _OPTIMISED = 1.03
 #: An element count this many times the target is worth a warning.
@@ -151,12 +151,9 @@ class _Body:
         evened = self._evened.get(ridge_deg)
         if evened is None or size < _STALE * evened.size:
             sizing = Sizing(*self._surface, size)
-            evened = Evened(*self._surface, size, sizing, self._deviation(size), ridge_deg)
+            evened = Evened(*self._surface, size, sizing, _DEVIATION * size, ridge_deg)
             self._evened[ridge_deg] = evened
-        return evened.remade(size, self._deviation(size))
-
-    def _deviation(self, size: float) -> float:
-        return float(np.clip(_OF_THICKNESS * self.thickness, _LEAST * size, _MOST * size))
+        return evened.remade(size, _DEVIATION * size)
 
 
 def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
