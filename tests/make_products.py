@@ -19,8 +19,9 @@ from PIL import Image
 
 from vibraverse import meshfiles, products
 from vibraverse.cli import main
+from vibraverse.config.physics import Sampled
 from vibraverse.paths import Paths
-from vibraverse.physics.materials import MATERIALS
+from vibraverse.physics.materials import MATERIALS, sampled
 from vibraverse.refusal import Refusal
 from vibraverse.seeds import rng
 from vibraverse.tetfiles import write_tets
@@ -30,6 +31,8 @@ LOOKS = ("clay", *MATERIAL_NAMES)
 OBJECTS = ("ball-0000", "bar-0000", "leaf")
 SIZE_M = 0.18
 MODES = 64
+#: Sampled materials of every body; none has a sound.
+SAMPLED = 3
 
 _SHAPES = {
     "bar-0000": lambda: trimesh.creation.box((1.8, 0.4, 0.3)).subdivide(),
@@ -268,6 +271,7 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
             gain, samples = _sound(hz, damping)
             soundfile.write(at(paths.sound, material=name), samples, 44_100, subtype="PCM_24")
             sounds[name] = {"gain": gain, "duration_s": len(samples) / 44_100, "modes_rendered": MODES}
+        _sampled(h5, object_id, solidity)
         products.write_provenance(h5, provenance("modes", object_id, solidity, modes=MODES))
     record = {
         "sample_rate_hz": 44_100,
@@ -275,6 +279,17 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
         "provenance": provenance("audio", object_id, solidity),
     }
     products.write_json(at(paths.audio_record), record)
+
+
+def _sampled(h5, object_id: str, solidity: str) -> None:
+    drawn = sampled(object_id, 0, SAMPLED, Sampled().ranges())
+    rows = [dict(zip(drawn, row, strict=True)) for row in zip(*drawn.values(), strict=True)]
+    drawn["mass_kg"] = drawn["density_kg_m3"] * h5.attrs["volume_m3"]
+    drawn["frequencies_hz"] = np.stack([frequencies(object_id, solidity, row) for row in rows])
+    for key, array in drawn.items():
+        h5[f"sampled/{key}"] = array
+    for key in ("relative_error", "discretisation_error"):
+        h5[f"sampled/{key}"] = np.full((SAMPLED, MODES), 1e-4, np.float32)
 
 
 def _sound(hz, damping) -> tuple[float, np.ndarray]:

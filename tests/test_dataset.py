@@ -150,6 +150,28 @@ def test_items_are_one_per_object_body_and_material(reader):
     assert len(list(reader)) == len(reader)
 
 
+def test_sampled_materials_are_read_like_any_other(reader, results):
+    assert {item["sampled"] for item in reader.items} == {3}
+    every = reader.where(solidity="solid").with_sampled()
+    assert len(every) == 2 * (4 + 3)
+    assert [item["material"] for item in every.items[4:7]] == ["sampled-0000", "sampled-0001", "sampled-0002"]
+    sample, item = every[5], every.items[5]
+    with h5py.File(results / "objects/ball-0000/solid/modes.h5") as modes:
+        stored = {key: array[1] for key, array in modes["sampled"].items()}
+    for key in ("frequencies_hz", "young_pa", "density_kg_m3", "poisson"):
+        np.testing.assert_array_equal(sample[key], stored[key])
+    omega = 2 * np.pi * stored["frequencies_hz"]
+    expected = 0.5 * (stored["alpha_per_s"] + stored["beta_s"] * omega**2)
+    assert sample["damping_per_s"] == pytest.approx(expected, rel=1e-12)
+    damped = reader.read("damped_frequencies_hz", "ball-0000", "solid", "sampled-0001")
+    assert damped == pytest.approx(np.sqrt(np.maximum(omega**2 - expected**2, 0)) / (2 * np.pi), rel=1e-12)
+    assert (item["f1_hz"], item["mass_kg"]) == (stored["frequencies_hz"][0], stored["mass_kg"])
+    assert (item["duration_s"], item["split"]) == (0.0, every.items[0]["split"])
+    for material, field in (("sampled-0003", "frequencies_hz"), ("sampled-0001", "mode_shapes")):
+        with pytest.raises(KeyError, match=f"holds no {field}"):
+            reader.read(field, "ball-0000", "solid", material)
+
+
 def test_narrowing(reader):
     hollow = reader.where(solidity="hollow", material=["wood", "steel"])
     assert [(item["object"], item["material"]) for item in hollow.items] == [

@@ -52,6 +52,7 @@ def test_the_record_counts(paths):
         "refused_bodies": 1,
         "sounds": 12,
         "items": 12,
+        "sampled": 9,
     }
     assert record["refusals_by_reason"] == {"not_a_solid": 1, "too_thin": 1}
     assert sum(record["objects_by_split"].values()) == 2

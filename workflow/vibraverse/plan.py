@@ -38,6 +38,7 @@ class Plan:
             values = {
                 **config.modes.model_dump(),
                 "materials": {name: m.model_dump() for name, m in config.materials.items()},
+                "sampled": config.sampled.model_dump(),
                 "modes": config.basis.modes,
                 "size_m": self.objects[object_].size_m,
                 "size_origin": self.objects[object_].size_origin,

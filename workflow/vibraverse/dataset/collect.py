@@ -19,6 +19,7 @@ from vibraverse.config.media import split_sound
 from vibraverse.dataset.chain import OBJECT_CHAIN, body_chain
 from vibraverse.meshfiles import read_mesh, read_ply
 from vibraverse.paths import Paths
+from vibraverse.physics.materials import sampled_number
 from vibraverse.tetfiles import read_tets
 
 Pairs = Iterator[tuple[str, Any]]
@@ -73,11 +74,13 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
             material, place = modes["materials"][name], f"{solidity}/materials/{name}"
             yield from ((f"{place}@{key}", value) for key, value in material.attrs.items())
             yield from ((f"{place}/{key}", array[()]) for key, array in material.items())
+        for key, array in modes["sampled"].items() if "sampled" in modes else ():
+            yield f"{solidity}/sampled/{key}", array[()]
 
     audio = products.read_json(at(paths.audio_record))
     yield f"{solidity}/audio", _text(audio)
     for name, facts in audio["sounds"].items():
-        if split_sound(name, materials)[0] is None:
+        if split_sound(name, materials)[0] is None and sampled_number(name) is None:
             continue
         # 24-bit samples are exact in float32; soundfile divides them by 2^23.
         samples, sample_rate_hz = soundfile.read(at(paths.sound, material=name), dtype="float32")

@@ -39,6 +39,7 @@ _NORMALISED = "1 (normalised: longest side 1.8)"
 _BODY = "{solidity}"
 _BASIS = "{solidity}/basis"
 _MATERIAL = "{solidity}/materials/{material}"
+_SAMPLED = "{solidity}/sampled"
 _SOUND = "{solidity}/sounds/{sound}"
 
 
@@ -54,6 +55,10 @@ def _refusal(place: str, what: str) -> tuple[Field, ...]:
         Field(f"{prefix}{name}", f"{place}@{name}", "text", "()", "", f"only on a refused {what}: {text}")
         for name, text in rows
     )
+
+
+def _sampled(name: str, dtype: str, shape: str, unit: str, what: str) -> Field:
+    return Field(f"sampled_{name}", f"{_SAMPLED}/{name}", dtype, shape, unit, f"sampled materials: {what}")
 
 
 #: Every field of an object, in the order in which a reader meets them.
@@ -312,6 +317,15 @@ FIELDS: tuple[Field, ...] = (
         "kg^-1/2",
         "mass-normalised displacements at the surface vertices",
     ),
+    _sampled("density_kg_m3", "float64", "(n,)", "kg/m³", "density"),
+    _sampled("young_pa", "float64", "(n,)", "Pa", "Young's modulus"),
+    _sampled("poisson", "float64", "(n,)", "1", "Poisson's ratio"),
+    _sampled("alpha_per_s", "float64", "(n,)", "1/s", "mass-proportional damping"),
+    _sampled("beta_s", "float64", "(n,)", "s", "stiffness-proportional damping"),
+    _sampled("mass_kg", "float64", "(n,)", "kg", "mass of the body"),
+    _sampled("frequencies_hz", "float64", "(n, m)", "Hz", "undamped eigenfrequencies, ascending"),
+    _sampled("relative_error", "float32", "(n, m)", "1", "estimated relative error by the basis"),
+    _sampled("discretisation_error", "float32", "(n, m)", "1", "estimated relative error by the elements"),
     Field("audio", f"{_BODY}/audio", "json", "()", "", "levels, gains and counts, as written by `audio`"),
     Field("sound", _SOUND, "float32", "(samples,)", "1 (full scale)", "impact sound, peak-normalised"),
     Field("sample_rate_hz", f"{_SOUND}@sample_rate_hz", "int64", "()", "Hz", "samples per second"),

@@ -142,4 +142,5 @@ def index_row(group, object_id: str, solidity: str, material: str, shard: str) -
         "f1_hz": frequencies[0],
         "f_last_hz": frequencies[-1],
         "duration_s": body["sounds"][material].attrs["duration_s"],
+        "sampled": len(body["sampled/poisson"]) if "sampled" in body else 0,
     }

@@ -15,7 +15,9 @@ import numpy as np
 
 from vibraverse.config import unknown
 from vibraverse.dataset import schema
+from vibraverse.dataset.sampled import read_sampled, rows_of
 from vibraverse.dataset.tables import from_tsv
+from vibraverse.physics.materials import sampled_number
 
 #: What a sample holds unless asked otherwise: what every task needs, small, and of one shape for all bodies.
 DEFAULT_FIELDS = ("frequencies_hz", "damping_per_s", "size_m", "density_kg_m3", "young_pa", "poisson")
@@ -26,7 +28,7 @@ class Reader:
 
     ``shards`` are the HDF5 files. ``len(reader)`` counts its items, one per object, solidity and material, and
     ``reader.items[i]`` is the row of the index. :meth:`sample` reads the chosen ``fields`` of an item, :meth:`read`
-    one field of any object, and :meth:`where` narrows the items.
+    one field of any object, :meth:`where` narrows the items and :meth:`with_sampled` adds the sampled materials.
     """
 
     def __init__(
@@ -76,10 +78,26 @@ class Reader:
             name: {value} if isinstance(value, (str, int, float)) else set(value)
             for name, value in conditions.items()
         }
+        return self._part([row for row in self.items if all(row[name] in allowed[name] for name in allowed)])
+
+    def _part(self, items: list[dict]) -> Reader:
+        """Return a reader of the same shards with other items."""
         part = object.__new__(Reader)
         part.__dict__.update(self.__dict__)
-        part.items = [row for row in self.items if all(row[name] in allowed[name] for name in allowed)]
+        part.items = items
         return part
+
+    def with_sampled(self) -> Reader:
+        """Return a reader whose items are these and, after those of each body, its sampled materials."""
+        bodies: dict[tuple, list[dict]] = {}
+        for row in self.items:
+            bodies.setdefault((row["object"], row["solidity"]), []).append(row)
+        items = []
+        for (object_id, solidity), rows in bodies.items():
+            items += rows
+            if rows[0]["sampled"]:
+                items += rows_of(self.group(object_id)[solidity], rows[0])
+        return self._part(items)
 
     def sample(self, item: dict) -> dict:
         """Return the chosen fields of an item, under their names, with ``object``, ``solidity`` and ``material``."""
@@ -98,7 +116,10 @@ class Reader:
         names = {"solidity": solidity, "material": material, "look": look, "sound": material, **wildcards}
         path = spec.path.format(**names)
         group = self.group(object)
+        number = sampled_number(material)
         try:
+            if number is not None and "{material}" in spec.path:
+                return read_sampled(group[solidity], field, number)
             value = group[path.split("@")[0] or "."]
             value = value.attrs[spec.path.split("@")[1]] if spec.is_attribute else value
         except KeyError:

@@ -43,7 +43,8 @@ INDEX_COLUMNS: dict[str, tuple[type, str]] = {
     "modes": (int, "number of elastic modes"),
     "f1_hz": (float, "lowest eigenfrequency"),
     "f_last_hz": (float, "highest eigenfrequency kept"),
-    "duration_s": (float, "length of the sound"),
+    "duration_s": (float, "length of the sound; 0 where there is none"),
+    "sampled": (int, "sampled materials of the body, stored beside the named ones"),
 }
 
 #: Columns of the refusals, one row per refused object or body: type and meaning.

@@ -30,6 +30,7 @@ def summary(reader: Reader) -> dict:
             "refused_bodies": sum(1 for row in refusals if row["solidity"] and row["object"] in kept),
             "sounds": sum(len(reader.group(object_id)[solidity]["sounds"]) for object_id, solidity in bodies),
             "items": len(items),
+            "sampled": sum({(item["object"], item["solidity"]): item["sampled"] for item in items}.values()),
         },
         "objects_by_split": dict(sorted(splits.items())),
         "objects_by_origin": dict(sorted(origins.items())),

@@ -65,6 +65,7 @@ def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
         for material in materials:
             shown.modes.setdefault(material, {})[solidity] = _modes(body["materials"][material])
     names = dict.fromkeys(name for solidity in shown.bodies for name in group[solidity]["sounds"])
+    names = [name for name in names if split_sound(name, materials)[0]]  # not those of sampled materials
     for name in sorted(names, key=lambda name: _place(name, materials)):
         material, point = split_sound(name, materials)
         cells = {

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from vibraverse.config.physics import MaterialModes
 from vibraverse.geometry import LONGEST_SIDE
+from vibraverse.physics.materials import sampled_number
 from vibraverse.products import read_json, write_provenance
 from vibraverse.stage import Job, Stage
 
@@ -18,6 +19,19 @@ _UNITS = {
     "relative_error": "1",
     "discretisation_error": "1",
     "mode_shapes": "kg^-1/2",
+}
+
+#: What is kept of sampled materials. Damping follows from the parameters: ``d = ½(α + β ω²)``.
+SAMPLED_UNITS = {
+    "density_kg_m3": "kg/m³",
+    "young_pa": "Pa",
+    "poisson": "1",
+    "alpha_per_s": "1/s",
+    "beta_s": "s",
+    "mass_kg": "kg",
+    "frequencies_hz": "Hz",
+    "relative_error": "1",
+    "discretisation_error": "1",
 }
 
 
@@ -69,6 +83,46 @@ def run(job: Job) -> None:
                 f"{modes.discretisation_error.max():.1e} by the elements"
                 + (", solved on the mesh" if directly else "")
             )
+        if job.options.sampled.count:
+            _write_sampled(h5, job, basis, scale_m)
+
+
+def _write_sampled(h5, job: Job, basis, scale_m: float) -> None:
+    """Solve the sampled materials and write them: an array per quantity, a row per material."""
+    from vibraverse.physics.materials import sampled
+    from vibraverse.physics.modes import solve_materials
+
+    options = job.options
+    drawn = sampled(job.object, options.sampled.seed, options.sampled.count, options.sampled.ranges())
+    solved = solve_materials(basis, drawn, scale_m, options.modes, options.corrected)
+    for key, unit in SAMPLED_UNITS.items():
+        dtype = "f4" if key.endswith("_error") else "f8"
+        array = h5.create_dataset(f"sampled/{key}", data={**drawn, **solved}[key].astype(dtype))
+        array.attrs["unit"] = unit
+    print(
+        f"{options.sampled.count} sampled materials: estimated error up to {solved['relative_error'].max():.1e} by the "
+        f"basis and {solved['discretisation_error'].max():.1e} by the elements"
+    )
+
+
+def read_spectrum(h5, material: str) -> tuple:
+    """Return frequencies in Hz (m,) and decay rates in 1/s (m,) of a material in an open modes.h5, named or sampled.
+
+    Raises :class:`KeyError` where there is no such material.
+    """
+    import numpy as np
+
+    from vibraverse.physics.damping import rayleigh_damping
+
+    number = sampled_number(material)
+    if number is None:
+        group = h5["materials"][material]
+        return group["frequencies_hz"][()], group["damping_per_s"][()]
+    if "sampled" not in h5 or number >= len(h5["sampled/poisson"]):
+        raise KeyError(material)
+    frequencies = h5["sampled/frequencies_hz"][number]
+    alpha, beta = (h5[f"sampled/{key}"][number] for key in ("alpha_per_s", "beta_s"))
+    return frequencies, rayleigh_damping(2 * np.pi * frequencies, alpha, beta)[0]
 
 
 def _solved(job: Job, basis, material: dict, scale_m: float):
