@@ -87,11 +87,11 @@ def pack(results: Path, groups=(("ball-0000", "leaf"), ("bar-0000",))) -> list[P
     return made
 
 
-def index(results: Path, shards: list[Path]) -> None:
-    """Write index, refusals and record of the shards with the stage ``index``."""
+def index(results: Path, shards: list[Path], *more) -> None:
+    """Write index, splits, refusals and record of the shards with the stage ``index``; ``more`` are arguments."""
     paths = Paths(results)
-    outputs = ("--index", paths.index, "--refusals", paths.refusals, "--record", paths.dataset_record)
-    call("index", "--shards", *shards, *outputs)
+    tables = ("--index", paths.index, "--splits", paths.splits, "--refusals", paths.refusals)
+    call("index", "--shards", *shards, *tables, "--record", paths.dataset_record, *more)
 
 
 def report(results: Path, **changes) -> Path:
@@ -242,7 +242,8 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
         h5["reduced/poisson_nodes"] = [0.1, 0.4]
         h5["surface/vertices"], h5["surface/faces"] = vertices, faces.astype(np.int32)
         h5["surface/basis"] = random.normal(size=(len(vertices), 3, rank)).astype(np.float32)
-        h5["correction/lambda"], h5["correction/mu"] = np.eye(rank + 4)[:, rank:], np.eye(rank + 4)[:, rank:]
+        # Far stiffer than the modes, so that they hardly change them.
+        h5["correction/lambda"] = h5["correction/mu"] = 100 * np.eye(rank + 4)[:, rank:]
         h5["correction/mass"] = np.zeros((rank, 4))
         h5["correction/surface"] = random.normal(size=(len(vertices), 3, 4)).astype(np.float32)
         h5["rigid/centre"], h5["rigid/inertia"] = np.zeros(3), np.eye(3)

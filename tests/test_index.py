@@ -78,6 +78,8 @@ def test_order_of_the_shards_does_not_matter(paths, tmp_path):
     outputs = (
         "--index",
         tmp_path / "i.tsv",
+        "--splits",
+        tmp_path / "s.tsv",
         "--refusals",
         tmp_path / "r.tsv",
         "--record",

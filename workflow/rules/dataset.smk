@@ -33,8 +33,10 @@ rule dataset:
 rule index:
     input:
         shards=targets.shards(plan),
+        kept=targets.kept_splits(plan),
     output:
         index=paths.index,
+        splits=paths.splits,
         refusals=paths.refusals,
         record=paths.dataset_record,
     log:
@@ -50,13 +52,18 @@ rule index:
         mem_mb=memory("collect"),
         runtime=minutes("collect"),
     params:
+        options=plan.options("index"),
+        kept=targets.kept_splits_argument(plan),
         version=VERSIONS["index"],
     message:
         "index of the dataset"
     shell:
         "vibraverse index "
         "--shards {input.shards:q} "
+        "{params.kept} "
         "--index {output.index:q} "
+        "--splits {output.splits:q} "
         "--refusals {output.refusals:q} "
         "--record {output.record:q} "
+        "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"

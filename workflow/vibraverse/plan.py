@@ -51,8 +51,9 @@ class Plan:
                 "materials": list(config.materials),
                 "solidities": config.solidities,
                 "looks": config.images.looks,
-                "splits": config.dataset.splits,
             }
+        elif stage == "index":
+            values = {"splits": config.dataset.splits, "stratify": config.dataset.stratify}
         else:
             values = getattr(config, stage).model_dump(mode="json")
         return json.dumps(values, ensure_ascii=False)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field, field_validator
 
 from vibraverse.config.base import Section
@@ -25,7 +27,13 @@ class Dataset(Section):
     """Number of HDF5 files; an object's shard is a stable hash of its id. Changing it rewrites all."""
 
     splits: dict[str, float] = Field(default_factory=lambda: {"train": 0.8, "validation": 0.1, "test": 0.1})
-    """Share of the objects in each split; an object's split is a stable hash of its id."""
+    """Share of the objects in each split; an object's split is a stable hash of its id, or that of its original."""
+
+    stratify: Literal["none", "origin", "category"] = "none"
+    """Whether each origin, or each category, is divided in these shares too; then a growing set moves a few objects."""
+
+    keep_splits: str | None = None
+    """A ``splits.tsv`` of an earlier dataset: what it lists stays where it is, whatever else changes."""
 
     max_refused_share: float = Field(0.5, ge=0, le=1)
     """The run fails when a larger share of the objects is refused."""
@@ -54,8 +62,15 @@ class ShardOptions(Section):
     looks: list[str] = Field(default_factory=list)
     """Looks of the pictures to pack."""
 
+
+class IndexOptions(Section):
+    """What the index decides: the splits."""
+
     splits: dict[str, float] = Field(default_factory=lambda: Dataset().splits)
     """Share of the objects in each split."""
+
+    stratify: Literal["none", "origin", "category"] = "none"
+    """Column of the index whose every value is divided in these shares, if any."""
 
     @field_validator("splits")
     @classmethod

@@ -19,9 +19,9 @@ def open(path, fields=None, look: str = "clay") -> Reader:
 
     ``fields`` names what a sample holds (see ``docs/dataset.md``; ``look`` chooses its pictures).
     """
-    from vibraverse.dataset.reader import DEFAULT_FIELDS, Reader, shards_at
+    from vibraverse.dataset.reader import DEFAULT_FIELDS, Reader, shards_at, splits_at
 
-    return Reader(shards_at(path), fields or DEFAULT_FIELDS, look)
+    return Reader(shards_at(path), fields or DEFAULT_FIELDS, look, splits_at(path))
 
 
 def torch_dataset(path, fields=None, look: str = "clay", transform=None, **conditions):

@@ -15,8 +15,11 @@ import h5py
 import soundfile
 
 from vibraverse import products
+from vibraverse.basisfile import read_basis
 from vibraverse.config.media import split_sound
 from vibraverse.dataset.chain import OBJECT_CHAIN, body_chain
+from vibraverse.dataset.copies import scale_free_spectrum
+from vibraverse.geometry.moments import scale_free_moments
 from vibraverse.meshfiles import read_mesh, read_ply
 from vibraverse.paths import Paths
 from vibraverse.physics.materials import sampled_number
@@ -36,7 +39,9 @@ def object_fields(paths: Paths, object_id: str, looks) -> Pairs:
         yield f"@{key}", source.get(key) or ""
     yield "source", _text(source)
     yield "clean", _text(products.read_json(at(paths.clean_record)))
-    yield from _surface("surface", at(paths.surface))
+    surface = dict(_surface("surface", at(paths.surface)))
+    yield from surface.items()
+    yield "shape/moments", scale_free_moments(*surface.values())
     yield from _surface("coarse", at(paths.coarse))
     with h5py.File(at(paths.grids)) as grids:
         for name in ("occupancy", "signed_distance"):
@@ -66,6 +71,8 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
 
     with h5py.File(at(paths.basis)) as basis:
         yield from _everything(basis, f"{solidity}/basis")
+        if solidity == "solid":
+            yield "shape/spectrum", scale_free_spectrum(read_basis(basis, surface=False))
 
     with h5py.File(at(paths.modes)) as modes:
         for key in ("size_m", "size_origin", "scale_m", "volume_m3"):

@@ -63,7 +63,6 @@ def _sampled(name: str, dtype: str, shape: str, unit: str, what: str) -> Field:
 
 #: Every field of an object, in the order in which a reader meets them.
 FIELDS: tuple[Field, ...] = (
-    Field("split", "@split", "text", "()", "", "split of the object and of everything in it"),
     Field("origin", "@origin", "text", "()", "", "generated, bundled, files or objaverse"),
     Field("title", "@title", "text", "()", "", "name of the object"),
     Field("category", "@category", "text", "()", "", "shape family or category"),
@@ -83,6 +82,22 @@ FIELDS: tuple[Field, ...] = (
     Field("surface_vertices", "surface/vertices", "float64", "(V, 3)", _NORMALISED, "closed outer surface"),
     Field(
         "surface_faces", "surface/faces", "int32", "(F, 3)", "1", "its triangles, counter-clockwise outside"
+    ),
+    Field(
+        "moments",
+        "shape/moments",
+        "float64",
+        "(4,)",
+        "1 (scale-free)",
+        "eigenvalues of the outer surface's second moment over V^(5/3), ascending, then area over V^(2/3)",
+    ),
+    Field(
+        "spectrum",
+        "shape/spectrum",
+        "float64",
+        "(k,)",
+        "1 (scale-free)",
+        "lowest eigenfrequencies of the solid body, ω̂ V^(1/3) for E = ρ = 1 and ν = 0.25",
     ),
     Field(
         "coarse_vertices", "coarse/vertices", "float64", "(V, 3)", _NORMALISED, "box mesh of the occupancy"

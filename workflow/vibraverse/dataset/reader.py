@@ -16,6 +16,7 @@ import numpy as np
 from vibraverse.config import unknown
 from vibraverse.dataset import schema
 from vibraverse.dataset.sampled import read_sampled, rows_of
+from vibraverse.dataset.splits import SPLIT_COLUMNS
 from vibraverse.dataset.tables import from_tsv
 from vibraverse.physics.materials import sampled_number
 
@@ -27,12 +28,17 @@ class Reader:
     """A dataset, or a part of it.
 
     ``shards`` are the HDF5 files. ``len(reader)`` counts its items, one per object, solidity and material, and
-    ``reader.items[i]`` is the row of the index. :meth:`sample` reads the chosen ``fields`` of an item, :meth:`read`
-    one field of any object, :meth:`where` narrows the items and :meth:`with_sampled` adds the sampled materials.
+    ``reader.items[i]`` is the row of the index; ``splits`` says in which split each object is. :meth:`sample` reads
+    the chosen ``fields`` of an item, :meth:`read` one field of any object, :meth:`where` narrows the items and
+    :meth:`with_sampled` adds the sampled materials.
     """
 
     def __init__(
-        self, shards: Iterable[str | Path], fields: Sequence[str] = DEFAULT_FIELDS, look: str = "clay"
+        self,
+        shards: Iterable[str | Path],
+        fields: Sequence[str] = DEFAULT_FIELDS,
+        look: str = "clay",
+        splits: dict[str, str] | None = None,
     ):
         self.shards = {Path(path).name: Path(path) for path in shards}
         self.fields = tuple(fields)
@@ -46,10 +52,11 @@ class Reader:
         self._shard_of: dict[str, str] = {}
         for name in self.shards:
             file = self._open(name)
-            self.items += from_tsv(file[schema.INDEX].asstr()[()], schema.INDEX_COLUMNS)
+            self.items += from_tsv(file[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
             self.refusals += from_tsv(file[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
             self._shard_of.update(dict.fromkeys(file["objects"], name))
         self.items.sort(key=lambda row: row["object"])
+        self.place(splits or {})
         self.refusals.sort(key=lambda row: row["object"])
 
     def __len__(self) -> int:
@@ -74,6 +81,10 @@ class Reader:
         for name in conditions:
             if name not in schema.INDEX_COLUMNS:
                 raise KeyError(unknown("column", name, schema.INDEX_COLUMNS))
+        if "split" in conditions and not all(row["split"] for row in self.items):
+            raise KeyError(
+                "a shard alone knows no splits, which depend on all objects: open the dataset's folder"
+            )
         allowed = {
             name: {value} if isinstance(value, (str, int, float)) else set(value)
             for name, value in conditions.items()
@@ -86,6 +97,16 @@ class Reader:
         part.__dict__.update(self.__dict__)
         part.items = items
         return part
+
+    def place(self, splits: dict[str, str]) -> None:
+        """Say in which split each object is: "" where ``splits`` does not."""
+        self.items = [
+            {
+                name: splits.get(row["object"], "") if name == "split" else row[name]
+                for name in schema.INDEX_COLUMNS
+            }
+            for row in self.items
+        ]
 
     def with_sampled(self) -> Reader:
         """Return a reader whose items are these and, after those of each body, its sampled materials."""
@@ -183,6 +204,22 @@ def shards_at(path: str | Path) -> list[Path]:
     if not record.is_file():
         raise FileNotFoundError(f"{path} holds no finished dataset (there is no {record})")
     return [path / "shards" / name for name in json.loads(record.read_text(encoding="utf-8"))["shards"]]
+
+
+def splits_at(path: str | Path) -> dict[str, str]:
+    """Return the split of every object, as ``splits.tsv`` in a dataset's folder says it; for a shard, in its own.
+
+    Empty where there is no such file.
+    """
+    path = Path(path)
+    table = (path.parent.parent if path.is_file() else path) / "splits.tsv"
+    return read_splits(table) if table.is_file() else {}
+
+
+def read_splits(table: str | Path) -> dict[str, str]:
+    """Return the split of every object from a ``splits.tsv``."""
+    rows = from_tsv(Path(table).read_text(encoding="utf-8"), SPLIT_COLUMNS)
+    return {row["object"]: row["split"] for row in rows}
 
 
 def _field(name: str) -> schema.Field:

@@ -10,6 +10,7 @@ import re
 from functools import cache
 
 from vibraverse.dataset.fields import FIELDS, Field
+from vibraverse.dataset.splits import SPLIT_COLUMNS
 
 #: Identifies a shard, and the version of this table.
 FORMAT = "vibraverse-shard"
@@ -27,7 +28,7 @@ INDEX_COLUMNS: dict[str, tuple[type, str]] = {
     "solidity": (str, "`solid` or `hollow`"),
     "material": (str, "name of the material"),
     "shard": (str, "file in `shards/`"),
-    "split": (str, "split of the object"),
+    "split": (str, "split of the object and of everything made of it"),
     "origin": (str, "generated, bundled, files or objaverse"),
     "category": (str, "shape family or category"),
     "title": (str, "name of the object"),
@@ -46,6 +47,9 @@ INDEX_COLUMNS: dict[str, tuple[type, str]] = {
     "duration_s": (float, "length of the sound; 0 where there is none"),
     "sampled": (int, "sampled materials of the body, stored beside the named ones"),
 }
+
+#: What a shard knows of these: all but the split, which may depend on objects in other shards.
+SHARD_COLUMNS = {name: column for name, column in INDEX_COLUMNS.items() if name != "split"}
 
 #: Columns of the refusals, one row per refused object or body: type and meaning.
 REFUSAL_COLUMNS: dict[str, tuple[type, str]] = {
@@ -129,7 +133,8 @@ def markdown() -> str:
         lines.append(
             f"| `{field.name}` | `{field.path}` | {field.dtype} | {field.shape} | {unit} | {field.description} |"
         )
-    for title, columns in (("index.tsv", INDEX_COLUMNS), ("refusals.tsv", REFUSAL_COLUMNS)):
+    tables = {"index.tsv": INDEX_COLUMNS, "splits.tsv": SPLIT_COLUMNS, "refusals.tsv": REFUSAL_COLUMNS}
+    for title, columns in tables.items():
         lines += ["", f"| column of `{title}` | what it is |", "| --- | --- |"]
         lines += [f"| `{name}` | {text} |" for name, (_, text) in columns.items()]
     return "\n".join(lines) + "\n"

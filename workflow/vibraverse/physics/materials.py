@@ -1,4 +1,4 @@
-"""The table of materials, and materials drawn at random.
+"""The table of materials, their elastic constants, and materials drawn at random.
 
 Values are the sets published with NeuralSound (Jin et al., 2022) and DiffSound (Jin et al., 2024);
 DiffSound lists ``alpha`` 10 for iron and 20 for steel.
@@ -23,12 +23,17 @@ _ROWS = {
     "tin": (7265.0, 5.0e10, 0.325, 2.0, 3e-8),
 }
 
+_SAMPLED = re.compile(r"sampled-(\d{4,})")
+
 #: Name -> density in kg/m³, Young's modulus in Pa, Poisson's ratio, damping alpha in 1/s and beta in s.
 MATERIALS: dict[str, dict[str, float]] = {
     name: dict(zip(_COLUMNS, row, strict=True)) for name, row in _ROWS.items()
 }
 
-_SAMPLED = re.compile(r"sampled-(\d{4,})")
+
+def lame(young: float, poisson: float) -> tuple[float, float]:
+    """Return Lamé's ``(λ, μ)`` of a material, in the unit of ``young``."""
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
 
 
 def sampled_name(number: int) -> str:

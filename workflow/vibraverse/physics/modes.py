@@ -12,11 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.physics.basis import GUARD, ModalBasis
 from vibraverse.physics.columns import fix_signs
 from vibraverse.physics.damping import rayleigh_damping
-from vibraverse.physics.enrichment import solve_corrected
-from vibraverse.physics.reduction import solve_reduced
+from vibraverse.physics.reduced import GUARD, ModalBasis, solve_corrected, solve_reduced
 
 #: What corrections leave of the elements' error, as a share of what they remove: near the largest seen
 #: (benchmarks/accuracy.py), so that the estimate errs on the safe side.

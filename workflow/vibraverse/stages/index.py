@@ -1,8 +1,10 @@
-"""Indexing: what all shards hold, as two tables and one record."""
+"""Indexing: what all shards hold, as three tables and one record; here every object gets its split."""
 
 from __future__ import annotations
 
 from vibraverse import products
+from vibraverse.config import unknown
+from vibraverse.config.dataset import IndexOptions
 from vibraverse.stage import Job, Stage
 
 
@@ -10,10 +12,14 @@ def run(job: Job) -> None:
     """Join the shards' rows, and count."""
     from vibraverse.dataset.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
+    from vibraverse.dataset.splits import SPLIT_COLUMNS
     from vibraverse.dataset.summary import summary
     from vibraverse.dataset.tables import to_tsv
 
     with Reader(job.inputs["shards"]) as reader:
+        splits = _splits(job, reader)
+        reader.place(splits.split)
+        job.outputs["splits"].write_text(to_tsv(splits.rows(), SPLIT_COLUMNS), encoding="utf-8")
         job.outputs["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
         job.outputs["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
         found = summary(reader)
@@ -21,21 +27,45 @@ def run(job: Job) -> None:
         path.name: {"sha256": products.sha256(path), "bytes": path.stat().st_size}
         for path in job.inputs["shards"]
     }
-    job.write_record({**found, "shards": shards})
+    job.write_record({**found, "copies": splits.summary(), "shards": shards})
+
+
+def _splits(job: Job, reader):
+    """Return the split of every object, by the hash of its id and by its copies."""
+    from vibraverse.cli import UsageError
+    from vibraverse.dataset.copies import fingerprints_of, groups
+    from vibraverse.dataset.reader import read_splits
+    from vibraverse.dataset.splits import assign
+
+    options, kept = job.options, None
+    if "kept" in job.inputs:
+        try:
+            kept = read_splits(job.inputs["kept"])
+        except (UnicodeDecodeError, ValueError) as error:
+            raise UsageError(f"index: {job.inputs['kept']} is no splits.tsv of a dataset: {error}.") from None
+        for name in sorted(set(kept.values()) - set(options.splits)):
+            raise UsageError(f"index: {job.inputs['kept']}: {unknown('split', name, options.splits)}.")
+    strata = None
+    if options.stratify != "none":
+        strata = {item["object"]: item[options.stratify] for item in reader.items}
+    return assign(groups(fingerprints_of(reader, reader.objects)), options.splits, strata, kept)
 
 
 STAGE = Stage(
     name="index",
     help="write the dataset's index, refusals and record",
-    inputs={"shards": "all shards (HDF5)"},
+    inputs={"shards": "all shards (HDF5)", "kept": "splits.tsv of an earlier dataset, to keep its splits"},
     outputs={
         "index": "index.tsv: one row per object, solidity and material",
+        "splits": "splits.tsv: one row per object, with the object whose copy it is",
         "refusals": "refusals.tsv: one row per refused object or body",
         "record": "dataset.json: counts, materials, ranges, versions, checksums",
     },
     run=run,
+    options=IndexOptions,
     many=frozenset({"shards"}),
-    libraries=("numpy", "h5py"),
+    optional=frozenset({"kept"}),
+    libraries=("numpy", "h5py", "scipy"),
     per_object=False,
     passes_refusals=False,
 )

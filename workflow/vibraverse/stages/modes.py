@@ -48,7 +48,7 @@ def run(job: Job) -> None:
     """Solve every material of one body."""
     import h5py
 
-    from vibraverse.stages.basis import read_basis
+    from vibraverse.basisfile import read_basis
 
     size_m, size_origin = object_size(job.options, read_json(job.inputs["clean_record"]))
     scale_m = size_m / LONGEST_SIDE
