@@ -91,7 +91,8 @@ def index(results: Path, shards: list[Path], *more) -> None:
     """Write index, splits, refusals and record of the shards with the stage ``index``; ``more`` are arguments."""
     paths = Paths(results)
     tables = ("--index", paths.index, "--splits", paths.splits, "--refusals", paths.refusals)
-    call("index", "--shards", *shards, *tables, "--record", paths.dataset_record, *more)
+    about = ("--card", paths.card, "--overview", paths.overview, "--croissant", paths.croissant)
+    call("index", "--shards", *shards, *tables, "--record", paths.dataset_record, *about, *more)
 
 
 def report(results: Path, **changes) -> Path:

@@ -75,19 +75,12 @@ def test_the_record_holds_the_shards_checksums(paths):
 
 def test_order_of_the_shards_does_not_matter(paths, tmp_path):
     shards = [paths.at(paths.shard, shard=number) for number in ("1", "0")]
-    outputs = (
-        "--index",
-        tmp_path / "i.tsv",
-        "--splits",
-        tmp_path / "s.tsv",
-        "--refusals",
-        tmp_path / "r.tsv",
-        "--record",
-        tmp_path / "d.json",
-    )
-    make_products.call("index", "--shards", *shards, *outputs)
-    with open(paths.index, "rb") as first:
-        assert first.read() == (tmp_path / "i.tsv").read_bytes()
+    names = ("index", "splits", "refusals", "record", "card", "overview", "croissant")
+    outputs = [(f"--{name}", tmp_path / name) for name in names]
+    make_products.call("index", "--shards", *shards, *sum(outputs, ()))
+    for name, path in (("index", paths.index), ("splits", paths.splits), ("overview", paths.overview)):
+        with open(path, "rb") as first:
+            assert first.read() == (tmp_path / name).read_bytes()
 
 
 def test_a_dataset_of_refusals_alone_is_indexed(tmp_path):

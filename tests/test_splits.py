@@ -16,6 +16,7 @@ from vibraverse.dataset.copies import groups, natural
 from vibraverse.dataset.splits import assign, split_of
 
 SPLITS = Dataset().splits
+OUTPUTS = ("index", "splits", "refusals", "record", "card", "overview", "croissant")
 
 
 def alone(names) -> dict[str, str]:
@@ -164,7 +165,7 @@ def test_a_shard_alone_knows_no_splits(grown, tmp_path):
 
 def test_splits_of_an_earlier_dataset_are_kept(grown, tmp_path, vibraverse):
     _, shards, pebbles = grown
-    outputs = [(f"--{name}", tmp_path / name) for name in ("index", "splits", "refusals", "record")]
+    outputs = [(f"--{name}", tmp_path / name) for name in OUTPUTS]
 
     def index(text: str, **options):
         (tmp_path / "kept.tsv").write_text(text)

@@ -39,6 +39,9 @@ rule index:
         splits=paths.splits,
         refusals=paths.refusals,
         record=paths.dataset_record,
+        card=paths.card,
+        overview=paths.overview,
+        croissant=paths.croissant,
     log:
         paths.log("index"),
     benchmark:
@@ -65,5 +68,8 @@ rule index:
         "--splits {output.splits:q} "
         "--refusals {output.refusals:q} "
         "--record {output.record:q} "
+        "--card {output.card:q} "
+        "--overview {output.overview:q} "
+        "--croissant {output.croissant:q} "
         "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"

@@ -40,6 +40,7 @@ COMMANDS = {
     "strike": "hear a mesh: from a file to its impact sound in one go",
     "objects": "list the objects a configuration names",
     "materials": "list the known materials",
+    "export": "write the dataset as WebDataset tars or for Hugging Face datasets",
     "config": "check a configuration, or print its JSON schema",
     "refusals": "list refused objects by reason, or make them run again",
     "validation": "show how near the frequencies of known bodies are",

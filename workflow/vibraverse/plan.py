@@ -53,7 +53,7 @@ class Plan:
                 "looks": config.images.looks,
             }
         elif stage == "index":
-            values = {"splits": config.dataset.splits, "stratify": config.dataset.stratify}
+            values = config.dataset.model_dump(include={"splits", "stratify", "card"})
         else:
             values = getattr(config, stage).model_dump(mode="json")
         return json.dumps(values, ensure_ascii=False)

@@ -20,6 +20,31 @@ def _shares_add_up(splits: dict[str, float]) -> dict[str, float]:
     return splits
 
 
+class Card(Section):
+    """What the dataset's card says of itself; the rest is counted."""
+
+    name: str = Field("VibraVerse dataset", min_length=1)
+    """Name of the dataset."""
+
+    description: str = "Shapes, materials, vibration modes, impact sounds and pictures that agree by physics."
+    """What it is, in a sentence or two."""
+
+    creators: list[str] = Field(default_factory=lambda: ["VibraVerse"], min_length=1)
+    """Who made it."""
+
+    version: str = "1.0.0"
+    """Version of the dataset."""
+
+    url: str | None = None
+    """Where it can be had; say it before publishing."""
+
+    published: str | None = Field(None, pattern=r"^\d{4}-\d{2}-\d{2}$")
+    """Date of publication, YYYY-MM-DD; say it before publishing, since no stage looks at the clock."""
+
+    licence: str | None = None
+    """Licence of the whole; without it the sources' licences are listed."""
+
+
 class Dataset(Section):
     """HDF5 shards, index and splits."""
 
@@ -34,6 +59,9 @@ class Dataset(Section):
 
     keep_splits: str | None = None
     """A ``splits.tsv`` of an earlier dataset: what it lists stays where it is, whatever else changes."""
+
+    card: Card = Card()
+    """What the card and the Croissant metadata say of the whole."""
 
     max_refused_share: float = Field(0.5, ge=0, le=1)
     """The run fails when a larger share of the objects is refused."""
@@ -64,13 +92,16 @@ class ShardOptions(Section):
 
 
 class IndexOptions(Section):
-    """What the index decides: the splits."""
+    """What the index decides and says: the splits and the card."""
 
     splits: dict[str, float] = Field(default_factory=lambda: Dataset().splits)
     """Share of the objects in each split."""
 
     stratify: Literal["none", "origin", "category"] = "none"
     """Column of the index whose every value is divided in these shares, if any."""
+
+    card: Card = Card()
+    """What the card says of the whole."""
 
     @field_validator("splits")
     @classmethod

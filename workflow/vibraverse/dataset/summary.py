@@ -21,7 +21,10 @@ def summary(reader: Reader) -> dict:
     kept = set(reader.objects)
     gone = {row["object"] for row in refusals} - kept
     splits = Counter({item["object"]: item["split"] for item in items}.values())
-    origins = Counter({item["object"]: item["origin"] for item in items}.values())
+    origins, licences, categories = (
+        Counter({item["object"]: item[column] for item in items}.values())
+        for column in ("origin", "licence", "category")
+    )
     return {
         "counts": {
             "objects": len(kept),
@@ -34,6 +37,8 @@ def summary(reader: Reader) -> dict:
         },
         "objects_by_split": dict(sorted(splits.items())),
         "objects_by_origin": dict(sorted(origins.items())),
+        "objects_by_licence": dict(sorted(licences.items())),
+        "objects_by_category": dict(sorted(categories.items())),
         "refusals_by_reason": dict(sorted(Counter(row["reason"] for row in refusals).items())),
         "materials": _materials(reader),
         "ranges": {name: _range([item[name] for item in items]) for name in _RANGES if items},

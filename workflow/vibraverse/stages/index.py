@@ -10,6 +10,8 @@ from vibraverse.stage import Job, Stage
 
 def run(job: Job) -> None:
     """Join the shards' rows, and count."""
+    from vibraverse.dataset.card import card, overview
+    from vibraverse.dataset.croissant import croissant
     from vibraverse.dataset.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
     from vibraverse.dataset.splits import SPLIT_COLUMNS
@@ -22,12 +24,23 @@ def run(job: Job) -> None:
         job.outputs["splits"].write_text(to_tsv(splits.rows(), SPLIT_COLUMNS), encoding="utf-8")
         job.outputs["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
         job.outputs["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
-        found = summary(reader)
+        found = {**summary(reader), "copies": splits.summary()}
+        attributions = [reader.group(name).attrs["attribution"] for name in reader.objects]
+        job.outputs["overview"].write_bytes(overview(reader))
     shards = {
         path.name: {"sha256": products.sha256(path), "bytes": path.stat().st_size}
         for path in job.inputs["shards"]
     }
-    job.write_record({**found, "copies": splits.summary(), "shards": shards})
+    job.write_record({**found, "shards": shards})
+    about = job.options.card
+    text = card(found, about, attributions, job.final["overview"].name)
+    job.outputs["card"].write_text(text, encoding="utf-8")
+    tables = {name: job.outputs[name] for name in ("index", "splits", "refusals")}
+    files = {
+        f"{name}.tsv": {"bytes": path.stat().st_size, "sha256": products.sha256(path)}
+        for name, path in tables.items()
+    } | {f"shards/{name}": about_shard for name, about_shard in shards.items()}
+    products.write_json(job.outputs["croissant"], croissant(found, about, files))
 
 
 def _splits(job: Job, reader):
@@ -59,13 +72,16 @@ STAGE = Stage(
         "index": "index.tsv: one row per object, solidity and material",
         "splits": "splits.tsv: one row per object, with the object whose copy it is",
         "refusals": "refusals.tsv: one row per refused object or body",
+        "card": "README.md: counts, sources, licences, ranges, limits, how to cite and to rebuild",
+        "overview": "overview.png: some of the objects",
+        "croissant": "croissant.json: the metadata dataset searches read",
         "record": "dataset.json: counts, materials, ranges, versions, checksums",
     },
     run=run,
     options=IndexOptions,
     many=frozenset({"shards"}),
     optional=frozenset({"kept"}),
-    libraries=("numpy", "h5py", "scipy"),
+    libraries=("numpy", "h5py", "pillow", "scipy"),
     per_object=False,
     passes_refusals=False,
 )
