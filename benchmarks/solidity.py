@@ -6,6 +6,9 @@
 For each group of statistics: logistic regression and 9 nearest neighbours, trained and tested in 10-fold
 cross-validation, both bodies of an object in the same fold. Accuracies are means of 20 shuffles; the interval is that
 of a bootstrap over objects (95 %). Chance is 50 %, because only objects with both bodies count. numpy only.
+
+Hollow bodies are thinner. Whether meshing tells more than that is asked of pairs of different objects, one solid, one
+hollow, whose walls are equally thick to 10 % (median number of elements across times median edge).
 """
 
 from __future__ import annotations
@@ -47,6 +50,7 @@ def main() -> None:
         if chosen:
             cells = [_cell(values[:, :, chosen], method) for method in (_logistic, _nearest)]
             print(f"| {group} ({len(chosen)}) | {' | '.join(cells)} |", flush=True)
+    _print_matched(names, values)
     print(
         "\n| single statistic | median, solid | median, hollow | larger in the hollow body |\n|"
         + 4 * " --- |"
@@ -55,6 +59,35 @@ def main() -> None:
     for i in np.argsort(-np.abs(share - 0.5)):
         solid, hollow = np.median(values[:, :, i], axis=0)
         print(f"| {names[i]} | {solid:.4g} | {hollow:.4g} | {100 * share[i]:.0f} % |")
+
+
+def _print_matched(names: list[str], values: np.ndarray) -> None:
+    """Print the same for pairs of equal wall thickness, in which each body appears once."""
+    across, edge = names.index("layers.median"), names.index("edge_length.median")
+    thick = np.log(values[:, :, across] * values[:, :, edge])
+    apart = np.abs(thick[:, None, 0] - thick[None, :, 1])
+    np.fill_diagonal(apart, np.inf)
+    pairs, taken = [], (set(), set())
+    for solid, hollow in zip(*np.unravel_index(np.argsort(apart, axis=None), apart.shape), strict=True):
+        if apart[solid, hollow] > np.log(1.1):
+            break
+        if solid not in taken[0] and hollow not in taken[1]:
+            pairs.append((solid, hollow))
+            taken[0].add(solid)
+            taken[1].add(hollow)
+    matched = np.array([[values[solid, 0], values[hollow, 1]] for solid, hollow in pairs])
+    print(
+        f"\n{len(pairs)} pairs of equal thickness:\n\n| statistics | logistic regression | 9 nearest neighbours |"
+    )
+    print("| --- | --- | --- |")
+    for group in (
+        "counts of vertices and elements",
+        "angles and shapes of elements",
+        "counts, angles and shapes",
+    ):
+        chosen = [i for i, name in enumerate(names) if name.startswith(_GROUPS[group])]
+        cells = [_cell(matched[:, :, chosen], method) for method in (_logistic, _nearest)]
+        print(f"| {group} ({len(chosen)}) | {' | '.join(cells)} |", flush=True)
 
 
 def _of_json(path: Path):
