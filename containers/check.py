@@ -194,11 +194,12 @@ def refuse_all(check: Check) -> Path:
 
 
 def index_of(check: Check, shard: Path) -> dict[str, Path]:
-    """Run the stage ``index`` and return its products."""
+    """Run the stage ``index`` and return those of its products that the report reads."""
     paths = check.plan.paths
     index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
     index = {name: check.at(path) for name, path in index.items()}
-    check.run("index", shards=shard, **index)
+    more = ("splits", "card", "overview", "croissant")
+    check.run("index", shards=shard, **index, **{name: check.at(getattr(paths, name)) for name in more})
     return index
 
 
