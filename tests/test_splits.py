@@ -11,9 +11,12 @@ import pytest
 import make_products
 import vibraverse.dataset
 from vibraverse import products
+from vibraverse.config import ConfigError
 from vibraverse.config.dataset import Dataset
 from vibraverse.dataset.copies import groups, natural
 from vibraverse.dataset.splits import assign, split_of
+from vibraverse.plan import Plan
+from vibraverse.targets import kept_splits
 
 SPLITS = Dataset().splits
 OUTPUTS = ("index", "splits", "refusals", "record", "card", "overview", "croissant")
@@ -89,6 +92,15 @@ def test_kept_splits_stay_and_the_others_fill_the_shares():
     assert found.split == {"a-mug": "train", "mug": "train"}
     assert found.moved == ["mug"]
     assert assign(alone(["mug"]), SPLITS, kept={"gone": "test"}).moved == []
+
+
+def test_a_missing_table_of_kept_splits_is_one_sentence(tmp_path):
+    sources = {"generated": {"count": 1}, "bundled": []}
+    with pytest.raises(ConfigError, match=r"^dataset\.keep_splits: the file nowhere\.tsv does not exist$"):
+        Plan({"sources": sources, "dataset": {"keep_splits": "nowhere.tsv"}})
+    (tmp_path / "splits.tsv").write_text("object\tsplit\tcopy_of\n")
+    plan = Plan({"sources": sources, "dataset": {"keep_splits": str(tmp_path / "splits.tsv")}})
+    assert kept_splits(plan) == [str(tmp_path / "splits.tsv")]
 
 
 def test_numbers_in_ids_are_numbers():

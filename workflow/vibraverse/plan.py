@@ -7,8 +7,9 @@ that text as a parameter of the job, so a change reruns exactly what depends on 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
-from vibraverse.config import Config, parse
+from vibraverse.config import Config, ConfigError, parse
 from vibraverse.dataset.splits import shard_of
 from vibraverse.paths import Paths
 from vibraverse.sources.catalogue import Entry, catalogue
@@ -19,6 +20,9 @@ class Plan:
 
     def __init__(self, values: dict | Config):
         self.config = values if isinstance(values, Config) else parse(values)
+        kept = self.config.dataset.keep_splits
+        if kept and not Path(kept).expanduser().is_file():
+            raise ConfigError(f"dataset.keep_splits: the file {kept} does not exist")
         self.paths = Paths(self.config.results)
         self.objects: dict[str, Entry] = catalogue(self.config)
         self.shards: dict[str, list[str]] = {}
