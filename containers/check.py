@@ -198,7 +198,7 @@ def index_of(check: Check, shard: Path) -> dict[str, Path]:
     paths = check.plan.paths
     index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
     index = {name: check.at(path) for name, path in index.items()}
-    check.run("index", shards=shard, **index)
+    check.run("index", shards=shard, sums=check.at(paths.dataset_sums), **index)
     return index
 
 

@@ -81,6 +81,8 @@ def test_order_of_the_shards_does_not_matter(paths, tmp_path):
         tmp_path / "r.tsv",
         "--record",
         tmp_path / "d.json",
+        "--sums",
+        tmp_path / "s",
     )
     make_products.call("index", "--shards", *shards, *outputs)
     with open(paths.index, "rb") as first:

@@ -37,6 +37,7 @@ rule index:
         index=paths.index,
         refusals=paths.refusals,
         record=paths.dataset_record,
+        sums=paths.dataset_sums,
     log:
         paths.log("index"),
     benchmark:
@@ -59,4 +60,5 @@ rule index:
         "--index {output.index:q} "
         "--refusals {output.refusals:q} "
         "--record {output.record:q} "
+        "--sums {output.sums:q} "
         "--threads {threads} > {log:q} 2>&1"

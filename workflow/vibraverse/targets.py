@@ -55,7 +55,7 @@ def shards(plan: Plan) -> list[str]:
 
 def everything(plan: Plan) -> list[str]:
     """Return what a run makes in the end."""
-    return [plan.paths.report, plan.paths.verdict]
+    return [plan.paths.report, plan.paths.verdict, plan.paths.dataset_sums]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:

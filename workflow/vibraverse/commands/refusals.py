@@ -8,6 +8,7 @@ from pathlib import Path
 
 from vibraverse import products
 from vibraverse.cli import UsageError
+from vibraverse.commands import share
 from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.tables import from_tsv
@@ -45,7 +46,7 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument(
         "--check",
-        type=_share,
+        type=share,
         metavar="SHARE",
         help="exit 1 when more than this share of the objects is refused",
     )
@@ -164,16 +165,6 @@ def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
     else:
         print("Nothing to retry.")
     return 0
-
-
-def _share(text: str) -> float:
-    try:
-        share = float(text)
-    except ValueError:
-        share = -1.0
-    if not 0 <= share <= 1:
-        raise argparse.ArgumentTypeError(f"a share lies between 0 and 1, not {text!r}")
-    return share
 
 
 def _known(name: str, known: list[str], kind: str) -> None:

@@ -44,6 +44,9 @@ class Reader:
         self._shard_of: dict[str, str] = {}
         for name in self.shards:
             file = self._open(name)
+            strange = schema.strange(file)
+            if strange:
+                raise ValueError(f"{self.shards[name]}: {strange}")
             self.items += from_tsv(file[schema.INDEX].asstr()[()], schema.INDEX_COLUMNS)
             self.refusals += from_tsv(file[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
             self._shard_of.update(dict.fromkeys(file["objects"], name))
@@ -122,8 +125,14 @@ class Reader:
         return [json.loads(self._open(name)[schema.MAKING].asstr()[()]) for name in self.shards]
 
     def problems(self) -> list[str]:
-        """Return what in the shards disagrees with the schema, one sentence each."""
-        return [f"{name}: {text}" for name in self.shards for text in schema.problems(self._open(name))]
+        """Return what in the shards is not as the schema says, one sentence each; ``vibraverse check`` asks more."""
+        from vibraverse.dataset.validator import problems
+
+        return [
+            f"{name}: {object_id + ': ' if object_id else ''}{sentence}"
+            for name in self.shards
+            for object_id, sentence in problems(self._open(name))
+        ]
 
     def close(self) -> None:
         """Close the files of this process; the next access opens them again."""

@@ -8,20 +8,33 @@ from vibraverse.stage import Job, Stage
 
 def run(job: Job) -> None:
     """Join the shards' rows, and count."""
+    from vibraverse.cli import UsageError
     from vibraverse.dataset.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
     from vibraverse.dataset.summary import summary
     from vibraverse.dataset.tables import to_tsv
 
-    with Reader(job.inputs["shards"]) as reader:
+    try:
+        reader = Reader(job.inputs["shards"])
+    except ValueError as error:  # a file that is no shard, or follows another schema
+        raise UsageError(f"index: {error}") from None
+    with reader:
         job.outputs["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
         job.outputs["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
         found = summary(reader)
-    shards = {
-        path.name: {"sha256": products.sha256(path), "bytes": path.stat().st_size}
-        for path in job.inputs["shards"]
-    }
-    job.write_record({**found, "shards": shards})
+    shards = {path.name: _facts(path) for path in job.inputs["shards"]}
+    tables = {job.final[name].name: _facts(job.outputs[name]) for name in ("index", "refusals")}
+    job.write_record({**found, "shards": shards, "files": tables})
+    sums = {f"shards/{name}": facts["sha256"] for name, facts in shards.items()}
+    sums |= {name: facts["sha256"] for name, facts in tables.items()}
+    sums[job.final["record"].name] = products.sha256(job.outputs["record"])
+    lines = (f"{digest}  {name}\n" for name, digest in sums.items())
+    job.outputs["sums"].write_text("".join(lines), encoding="utf-8")
+
+
+def _facts(path) -> dict:
+    """Return the checksum and the size of a file."""
+    return {"sha256": products.sha256(path), "bytes": path.stat().st_size}
 
 
 STAGE = Stage(
@@ -32,6 +45,7 @@ STAGE = Stage(
         "index": "index.tsv: one row per object, solidity and material",
         "refusals": "refusals.tsv: one row per refused object or body",
         "record": "dataset.json: counts, materials, ranges, versions, checksums",
+        "sums": "SHA256SUMS: checksums of all files, for `sha256sum -c`",
     },
     run=run,
     many=frozenset({"shards"}),
