@@ -37,6 +37,7 @@ rule index:
         index=paths.index,
         refusals=paths.refusals,
         record=paths.dataset_record,
+        config=paths.dataset_config,
         sums=paths.dataset_sums,
     log:
         paths.log("index"),
@@ -51,6 +52,9 @@ rule index:
         mem_mb=memory("collect"),
         runtime=minutes("collect"),
     params:
+        # Written as the run starts; a rule's input would have to be there for `-n`, too.
+        resolved=paths.config,
+        configuration=text_sha256(plan.configuration()),
         version=VERSIONS["index"],
     message:
         "index of the dataset"
@@ -60,5 +64,7 @@ rule index:
         "--index {output.index:q} "
         "--refusals {output.refusals:q} "
         "--record {output.record:q} "
+        "--resolved {params.resolved:q} "
+        "--config {output.config:q} "
         "--sums {output.sums:q} "
         "--threads {threads} > {log:q} 2>&1"

@@ -42,6 +42,9 @@ COMMANDS = {
     "materials": "list the known materials",
     "config": "check a configuration, or print its JSON schema",
     "check": "say whether a dataset is whole, to the last byte, and agrees with itself",
+    "status": "say how far a run is, and how long the rest takes",
+    "provenance": "trace a product back to its source, with versions and commands",
+    "repair": "say which products must be made again, and delete them so that they are",
     "refusals": "list refused objects by reason, or make them run again",
     "validation": "show how near the frequencies of known bodies are",
 }

@@ -43,6 +43,8 @@ class Paths:
         self.index = f"{self.dataset}/index.tsv"
         self.refusals = f"{self.dataset}/refusals.tsv"
         self.dataset_record = f"{self.dataset}/dataset.json"
+        self.config = f"{self.results}/config.yaml"
+        self.dataset_config = f"{self.dataset}/config.yaml"
         self.dataset_sums = f"{self.dataset}/SHA256SUMS"
         self.verdict = f"{self.results}/verdict.json"
         self.report = f"{self.results}/report/index.html"

@@ -55,7 +55,9 @@ def shards(plan: Plan) -> list[str]:
 
 def everything(plan: Plan) -> list[str]:
     """Return what a run makes in the end."""
-    return [plan.paths.report, plan.paths.verdict, plan.paths.dataset_sums]
+    paths = plan.paths
+    # The last two because results of before they were made would never get them else.
+    return [paths.report, paths.verdict, paths.dataset_config, paths.dataset_sums]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:

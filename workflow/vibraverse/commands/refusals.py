@@ -13,6 +13,7 @@ from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.tables import from_tsv
 from vibraverse.paths import SOLIDITIES, Paths
+from vibraverse.rebuild import last_products, shards_of
 from vibraverse.refusal import REASONS, read_refusal
 
 #: Refusals of one reason that a listing shows.
@@ -160,6 +161,8 @@ def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
                 path.unlink()
                 deleted += 1
                 touched.add(object_id)
+    for path in last_products(paths, shards_of(paths, touched)) if touched else ():
+        path.unlink()
     if touched:
         print(f"Deleted {deleted} refused products of {len(touched)} objects; the next run makes them again.")
     else:

@@ -20,7 +20,7 @@ from vibraverse.dataset.making import join, making_of
 from vibraverse.dataset.splits import split_of
 from vibraverse.dataset.tables import to_tsv
 from vibraverse.paths import Paths
-from vibraverse.products import sha256
+from vibraverse.products import read_provenance, sha256
 from vibraverse.refusal import Refusal
 
 #: Arrays of fewer bytes than this are stored as they are.
@@ -69,7 +69,7 @@ def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, sha
         for material in options.materials
     ]
     write_field(group, schema.CHECKSUMS, json.dumps(checksums(group)))
-    making = join(making_of(collect.provenance_of(path)) for path in made)
+    making = join(making_of(read_provenance(path)) for path in made)
     return Packed(rows, refusals.rows(object_id), making)
 
 

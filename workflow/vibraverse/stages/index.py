@@ -14,6 +14,10 @@ def run(job: Job) -> None:
     from vibraverse.dataset.summary import summary
     from vibraverse.dataset.tables import to_tsv
 
+    if "config" in job.final:
+        if "resolved" not in job.inputs:
+            raise UsageError("index: --config needs the configuration to copy; name it with --resolved.")
+        job.outputs["config"].write_bytes(job.inputs["resolved"].read_bytes())
     try:
         reader = Reader(job.inputs["shards"])
     except ValueError as error:  # a file that is no shard, or follows another schema
@@ -23,7 +27,11 @@ def run(job: Job) -> None:
         job.outputs["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
         found = summary(reader)
     shards = {path.name: _facts(path) for path in job.inputs["shards"]}
-    tables = {job.final[name].name: _facts(job.outputs[name]) for name in ("index", "refusals")}
+    tables = {
+        job.final[name].name: _facts(job.outputs[name])
+        for name in job.final
+        if name not in ("record", "sums")
+    }
     job.write_record({**found, "shards": shards, "files": tables})
     sums = {f"shards/{name}": facts["sha256"] for name, facts in shards.items()}
     sums |= {name: facts["sha256"] for name, facts in tables.items()}
@@ -40,15 +48,20 @@ def _facts(path) -> dict:
 STAGE = Stage(
     name="index",
     help="write the dataset's index, refusals and record",
-    inputs={"shards": "all shards (HDF5)"},
+    inputs={
+        "shards": "all shards (HDF5)",
+        "resolved": "configuration of the run, with every default filled in",
+    },
     outputs={
         "index": "index.tsv: one row per object, solidity and material",
         "refusals": "refusals.tsv: one row per refused object or body",
         "record": "dataset.json: counts, materials, ranges, versions, checksums",
+        "config": "config.yaml: that configuration, beside the dataset",
         "sums": "SHA256SUMS: checksums of all files, for `sha256sum -c`",
     },
     run=run,
     many=frozenset({"shards"}),
+    optional=frozenset({"resolved", "config"}),
     libraries=("numpy", "h5py"),
     per_object=False,
     passes_refusals=False,
