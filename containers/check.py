@@ -198,7 +198,13 @@ def index_of(check: Check, shard: Path) -> dict[str, Path]:
     paths = check.plan.paths
     index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
     index = {name: check.at(path) for name, path in index.items()}
-    check.run("index", shards=shard, sums=check.at(paths.dataset_sums), **index)
+    check.run(
+        "index",
+        shards=shard,
+        sums=check.at(paths.dataset_sums),
+        parquet=check.at(paths.index_parquet),
+        **index,
+    )
     return index
 
 

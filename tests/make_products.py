@@ -92,7 +92,8 @@ def index(results: Path, shards: list[Path]) -> None:
     """Write index, refusals and record of the shards with the stage ``index``."""
     paths = Paths(results)
     outputs = ("--index", paths.index, "--refusals", paths.refusals, "--record", paths.dataset_record)
-    call("index", "--shards", *shards, *outputs, "--sums", paths.dataset_sums)
+    more = ("--parquet", paths.index_parquet, "--sums", paths.dataset_sums)
+    call("index", "--shards", *shards, *outputs, *more)
 
 
 def report(results: Path, **changes) -> Path:

@@ -140,7 +140,7 @@ def crash(path: str, share: float):
     return []
 
 
-@pytest.mark.parametrize("name", ["index.tsv", "refusals.tsv", "dataset.json", "SHA256SUMS"])
+@pytest.mark.parametrize("name", ["index.tsv", "index.parquet", "refusals.tsv", "dataset.json", "SHA256SUMS"])
 def test_flips_beside_the_shards_are_found(dataset, name):
     draw = random.Random(3)
     path = dataset / name
@@ -244,12 +244,14 @@ def test_an_older_schema_is_one_sentence(dataset, vibraverse, tmp_path):
     assert status == 1
     assert out.startswith(f"1.h5: {sentence}")
     outputs = [
-        part for name in ("index", "refusals", "record", "sums") for part in (f"--{name}", tmp_path / name)
+        part
+        for name in ("index", "parquet", "refusals", "record", "sums")
+        for part in (f"--{name}", tmp_path / name)
     ]
     status, _, errors = vibraverse("index", "--shards", shard, *outputs)
     assert status == 2
     assert errors.splitlines()[-1].startswith(f"vibraverse: index: {shard}: {sentence}")
-    assert not any((tmp_path / name).exists() for name in ("index", "record", "sums"))
+    assert not any((tmp_path / name).exists() for name in ("index", "parquet", "record", "sums"))
 
 
 def test_no_dataset_is_one_sentence(tmp_path, vibraverse):

@@ -35,6 +35,7 @@ rule index:
         shards=targets.shards(plan),
     output:
         index=paths.index,
+        parquet=paths.index_parquet,
         refusals=paths.refusals,
         record=paths.dataset_record,
         config=paths.dataset_config,
@@ -62,6 +63,7 @@ rule index:
         "vibraverse index "
         "--shards {input.shards:q} "
         "--index {output.index:q} "
+        "--parquet {output.parquet:q} "
         "--refusals {output.refusals:q} "
         "--record {output.record:q} "
         "--resolved {params.resolved:q} "

@@ -60,14 +60,28 @@ STEPS = (
 )  # fmt: skip
 
 
+#: Where a shard holds the records of stages, in an object's group.
+_PACKED = {
+    "sources": "source",
+    "clean": "clean",
+    "hollow": "hollow/cavity",
+    "tets": "{solidity}/tets/record",
+    "audio": "{solidity}/audio",
+}
+
+
 @dataclass(frozen=True)
 class Made:
-    """One job of the chain: a step, for an object and, where there is one per body, a solidity."""
+    """One job of the chain: a step, for an object and, where there is one per body, a solidity.
+
+    ``stated`` is the text of its record, where that is known from elsewhere.
+    """
 
     paths: Paths
     step: Step
     object: str
     solidity: str = ""
+    stated: str = ""
 
     def __str__(self) -> str:
         return f"{self.step.stage} of {self.object}{f' ({self.solidity})' if self.solidity else ''}"
@@ -102,12 +116,24 @@ class Made:
         return Path(self.paths.at(pattern, object=self.object, solidity=self.solidity))
 
     @cached_property
-    def provenance(self) -> dict:
-        """What the record states; empty where it is missing, refused or broken."""
+    def content(self) -> dict:
+        """What the record says, or what is ``stated`` of it; empty where it is missing, refused or broken."""
         try:
-            return products.read_provenance(self.record)
+            if self.stated:
+                return json.loads(self.stated)
+            is_json = self.record.suffix == ".json"
+            return (
+                products.read_json(self.record)
+                if is_json
+                else {"provenance": products.read_provenance(self.record)}
+            )
         except (OSError, ValueError, LookupError):
             return {}
+
+    @property
+    def provenance(self) -> dict:
+        """The provenance in :attr:`content`."""
+        return self.content.get("provenance", {})
 
     def command(self) -> str:
         """Return the command that makes the outputs again, from the options that the record states."""
@@ -128,12 +154,33 @@ class Made:
         log = Path(self.paths.at(self.paths.log("sources", "object"), object=self.object))
         words = shlex.split(log.read_text(encoding="utf-8").split("\n")[0]) if log.is_file() else []
         named = [word.removeprefix("--file=") for word in words if word.startswith("--file=")]
-        return named or [products.read_json(self.record).get("file") or "FILE"]
+        return named or [self.content.get("file") or "FILE"]
 
 
 def jobs(paths: Paths, object_id: str) -> list[Made]:
     """Return every job of an object, in the order of the chain."""
     return [Made(paths, step, object_id, solidity) for step in STEPS for solidity in step.solidities]
+
+
+def packed_jobs(paths: Paths, object_id: str, group, making: dict) -> list[Made]:
+    """Return the jobs whose products an object's group of a shard holds, as the shard states them.
+
+    What the group holds no record of is stated by ``making``, the shard's own, but for its checksums.
+    """
+    found = []
+    for made in jobs(paths, object_id):
+        body = made.solidity or ("hollow" if made.step.stage == "hollow" else "")
+        if body and (body not in group or "refusal_reason" in group[body].attrs):
+            continue
+        place = _PACKED.get(made.step.stage, "").format(solidity=made.solidity)
+        if place in group:
+            stated = group[place].asstr()[()]
+        elif made.step.stage in making:
+            stated = json.dumps({"provenance": {"stage": made.step.stage, **making[made.step.stage]}})
+        else:
+            continue
+        found.append(Made(paths, made.step, object_id, made.solidity, stated))
+    return found
 
 
 def makers(all_jobs: list[Made]) -> dict[Path, Made]:

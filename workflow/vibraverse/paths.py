@@ -41,6 +41,7 @@ class Paths:
         self.dataset = f"{self.results}/dataset"
         self.shard = f"{self.dataset}/shards/{{shard}}.h5"
         self.index = f"{self.dataset}/index.tsv"
+        self.index_parquet = f"{self.dataset}/index.parquet"
         self.refusals = f"{self.dataset}/refusals.tsv"
         self.dataset_record = f"{self.dataset}/dataset.json"
         self.config = f"{self.results}/config.yaml"

@@ -34,8 +34,8 @@ def last_products(paths: Paths, shards: Iterable[Path]) -> list[Path]:
 
     Snakemake looks for what is asked for in the end, and makes nothing again before something of that is missing.
     """
-    index = (paths.index, paths.refusals, paths.dataset_record, paths.dataset_config, paths.dataset_sums)
-    made = (*index, paths.report, paths.verdict)
+    index = (paths.index, paths.index_parquet, paths.refusals, paths.dataset_record, paths.dataset_config)
+    made = (*index, paths.dataset_sums, paths.report, paths.verdict)
     return [path for path in (*shards, *map(Path, made)) if path.is_file()]
 
 

@@ -56,8 +56,8 @@ def shards(plan: Plan) -> list[str]:
 def everything(plan: Plan) -> list[str]:
     """Return what a run makes in the end."""
     paths = plan.paths
-    # The last two because results of before they were made would never get them else.
-    return [paths.report, paths.verdict, paths.dataset_config, paths.dataset_sums]
+    # Others than the first two because results of before they were made would never get them else.
+    return [paths.report, paths.verdict, paths.dataset_config, paths.dataset_sums, paths.index_parquet]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from vibraverse import products
 from vibraverse.cli import UsageError
-from vibraverse.config import unknown
-from vibraverse.lineage import Made, chain, jobs, makers
+from vibraverse.dataset.schema import MAKING
+from vibraverse.lineage import Made, chain, jobs, makers, packed_jobs
 from vibraverse.paths import Paths
 from vibraverse.refusal import read_refusal
 
@@ -56,6 +56,8 @@ def main(argv: list[str]) -> int:
 
 def _results_of(file: Path) -> tuple[Paths, tuple[str, ...]]:
     """Return the results folder that a product lies in, and the parts of its path below that."""
+    if file.parent.name == "shards":  # of a dataset that may have been renamed
+        return Paths(str(file.parent.parent.parent)), ("dataset", "shards", file.name)
     parts = file.parts
     for place in range(len(parts) - 2, -1, -1):
         if parts[place] in ("objects", "dataset", "report"):
@@ -73,66 +75,56 @@ def _of_dataset(
     """Return the jobs of the objects in a shard or in all shards, and what is done with these: what and command."""
     import h5py
 
-    shards = [file] if inside.startswith("dataset/shards/") else sorted(Path(paths.shard).parent.glob("*.h5"))
-    held, last = {}, []
+    is_shard = inside.startswith("dataset/shards/")
+    shards = [file] if is_shard else sorted(Path(paths.shard).parent.glob("*.h5"))
+    held: dict[str, list[Made]] = {}
+    last = []
     for shard in shards:
         with h5py.File(shard) as h5:
             names, provenance = list(h5["objects"]), json.loads(h5.attrs["provenance"])
-        held.update(dict.fromkeys(names, shard))
-        if only is None or only in names:
-            options = {**provenance["options"], "results": paths.results, "objects": names}
-            words = [
-                "vibraverse",
-                "dataset",
-                "--shard",
-                str(shard),
-                "--options",
-                json.dumps(options, ensure_ascii=False),
-            ]
+            making = json.loads(h5[MAKING].asstr()[()])
+            asked = [name for name in names if only in (None, name)]
+            for name in asked:
+                here = [made for made in chain(jobs(paths, name)) if made.record.is_file()]
+                held[name] = here or packed_jobs(paths, name, h5["objects"][name], making)
+        options = {**provenance["options"], "results": paths.results, "objects": names}
+        words = ["dataset", "--shard", shard, "--options", json.dumps(options, ensure_ascii=False)]
+        if asked:
             last.append(
-                (f"{_versions(provenance)}\n    makes  {shard}: {len(names)} objects", shlex.join(words))
+                (f"{_versions(provenance)}\n    makes  {shard}: {len(names)} objects", _command(words))
             )
-    if only is not None and only not in held:
-        raise UsageError(unknown("object", only, sorted(held)))
-    if not inside.startswith("dataset/shards/"):
-        last += _after_shards(paths, file, inside)
-    objects = [only] if only else list(held)
-    if len(objects) > _SHOWN:
-        print(f"# {len(objects)} objects, of which --object ID shows one; each is made of its own source.")
-        return [], last
-    return [made for name in objects for made in chain(jobs(paths, name)) if made.record.is_file()], last
+    if not held and only is not None:
+        raise UsageError(f"{file} holds no object {only!r}; index.tsv lists what there is")
+    last += [] if is_shard else _after_shards(paths, shards, file, inside)
+    if len(held) > _SHOWN:
+        print(f"# {len(held)} objects, of which --object ID shows one; each is made of its own source.")
+        held = {}
+    return [made for each in held.values() for made in each], last
 
 
-def _after_shards(paths: Paths, file: Path, inside: str) -> list[tuple[str, str]]:
+def _after_shards(paths: Paths, shards: list[Path], file: Path, inside: str) -> list[tuple[str, str]]:
     """Return the jobs that made what is made of all shards."""
     record = Path(paths.dataset_record)
-    found = [
-        (f"{_versions(products.read_provenance(record))}\n    makes  {record}", _logged(paths, "index", file))
-    ]
+    words = ["index", "--shards", *shards, "--index", paths.index, "--parquet", paths.index_parquet]
+    words += ["--refusals", paths.refusals, "--record", record]
+    if Path(paths.dataset_config).is_file():
+        words += ["--resolved", paths.config, "--config", paths.dataset_config]
+    command = _command([*words, "--sums", paths.dataset_sums])
+    found = [(f"{_versions(products.read_provenance(record))}\n    makes  {record}", command)]
     if inside == "verdict.json":
         share = products.read_json(file)["max_refused_share"]
-        words = [
-            "vibraverse",
-            "refusals",
-            "--record",
-            str(record),
-            "--check",
-            str(share),
-            "--verdict",
-            str(file),
-        ]
-        found.append((f"verdict\n    makes  {file}", shlex.join(words)))
+        words = ["refusals", "--record", record, "--check", share, "--verdict", file]
+        found.append((f"verdict\n    makes  {file}", _command(words)))
     elif inside.startswith("report/"):
-        found.append((f"report\n    makes  {file}", _logged(paths, "report", file)))
+        log = Path(paths.log("report"))
+        if not log.is_file():
+            raise UsageError(f"{log} is gone: it holds the command that made {file}")
+        found.append((f"report\n    makes  {file}", log.read_text(encoding="utf-8").split("\n")[0]))
     return found
 
 
-def _logged(paths: Paths, stage: str, file: Path) -> str:
-    """Return the command that a stage's log opens with."""
-    log = Path(paths.log(stage))
-    if not log.is_file():
-        raise UsageError(f"{log} is gone: it holds the command that made {file}")
-    return log.read_text(encoding="utf-8").split("\n")[0]
+def _command(words: list) -> str:
+    return shlex.join(["vibraverse", *map(str, words)])
 
 
 def _versions(provenance: dict) -> str:
@@ -145,14 +137,14 @@ def _versions(provenance: dict) -> str:
 
 def _told(made: Made) -> str:
     """Return what there is to say of a job: versions, inputs and outputs with their checksums, and its command."""
-    refusal = read_refusal(made.record)
+    refusal = None if made.stated else read_refusal(made.record)
     if refusal is not None:
         return f"{made}: refused at {refusal.stage}: {refusal.message}"
     if not made.provenance:
         return f"{made}: {made.record} is missing or states no provenance; run the workflow, or `vibraverse repair`"
     lines = [f"{made}: {_versions(made.provenance)}"]
     if made.step.stage == "sources":
-        lines.append(f"    from   {_source(products.read_json(made.record))}")
+        lines.append(f"    from   {_source(made.content)}")
     stated = made.provenance.get("input_sha256", {})
     for name, digest in stated.items():
         path = made.input(name) if name in made.step.inputs else None
@@ -165,7 +157,7 @@ def _since(path: Path | None, digest: str) -> str:
     if path is None:
         return ""
     if not path.is_file():
-        return ", gone since"
+        return ", not here"
     return "" if products.sha256(path) == digest else ", changed since"
 
 

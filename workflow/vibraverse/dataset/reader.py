@@ -118,7 +118,14 @@ class Reader:
         """Return the HDF5 group of an object, to look at anything in it. Raises :class:`KeyError` if unknown."""
         if object not in self._shard_of:
             raise KeyError(unknown("object", object, self._shard_of))
-        return self._open(self._shard_of[object])["objects"][object]
+        groups = self._open(self._shard_of[object])["objects"]
+        try:
+            return groups[object]
+        except KeyError:  # of a view (`vibraverse join`) whose dataset was moved
+            raise FileNotFoundError(
+                f"{self.shards[self._shard_of[object]]} links to {groups.get(object, getlink=True).filename}, which is "
+                "not there; join the datasets again"
+            ) from None
 
     def making(self) -> list[dict]:
         """Return how each shard was made: per stage its version, libraries and options."""

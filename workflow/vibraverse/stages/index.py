@@ -9,6 +9,7 @@ from vibraverse.stage import Job, Stage
 def run(job: Job) -> None:
     """Join the shards' rows, and count."""
     from vibraverse.cli import UsageError
+    from vibraverse.dataset.parquet import write_parquet
     from vibraverse.dataset.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
     from vibraverse.dataset.summary import summary
@@ -24,6 +25,7 @@ def run(job: Job) -> None:
         raise UsageError(f"index: {error}") from None
     with reader:
         job.outputs["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
+        write_parquet(job.outputs["parquet"], reader.items, INDEX_COLUMNS)
         job.outputs["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
         found = summary(reader)
     shards = {path.name: _facts(path) for path in job.inputs["shards"]}
@@ -54,6 +56,7 @@ STAGE = Stage(
     },
     outputs={
         "index": "index.tsv: one row per object, solidity and material",
+        "parquet": "index.parquet: the same rows",
         "refusals": "refusals.tsv: one row per refused object or body",
         "record": "dataset.json: counts, materials, ranges, versions, checksums",
         "config": "config.yaml: that configuration, beside the dataset",
@@ -62,7 +65,7 @@ STAGE = Stage(
     run=run,
     many=frozenset({"shards"}),
     optional=frozenset({"resolved", "config"}),
-    libraries=("numpy", "h5py"),
+    libraries=("numpy", "h5py", "pyarrow"),
     per_object=False,
     passes_refusals=False,
 )
