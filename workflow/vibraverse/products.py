@@ -17,6 +17,11 @@ def sha256(path: str | Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
+def text_sha256(text: str) -> str:
+    """Return the hexadecimal SHA-256 of a text in UTF-8."""
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
 def aside(path: str | Path) -> Path:
     """Return the name beside ``path`` under which it is written before it appears.
 
@@ -87,6 +92,20 @@ def library_versions(names) -> dict[str, str]:
 def write_provenance(h5, provenance: dict) -> None:
     """Store the provenance of a product as one JSON attribute of an open HDF5 file."""
     h5.attrs["provenance"] = json.dumps(provenance, ensure_ascii=False, default=_plain)
+
+
+def read_provenance(path: str | Path) -> dict:
+    """Return the provenance that a product states: a JSON record's, or an HDF5 file's.
+
+    Raises :class:`OSError`, :class:`ValueError` or :class:`LookupError` where it states none.
+    """
+    path = Path(path)
+    if path.suffix == ".json":
+        return read_json(path)["provenance"]
+    import h5py
+
+    with h5py.File(path) as file:
+        return json.loads(file.attrs["provenance"])
 
 
 def read_json(path: str | Path):

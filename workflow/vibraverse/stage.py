@@ -71,15 +71,13 @@ class Job:
     threads: int = 1
     outputs: dict[str, Path | list[Path]] = field(default_factory=dict)
 
-    def provenance(self) -> dict:
-        """Return versions, options and input checksums, the same for the same inputs."""
+    def provenance(self, *written: str) -> dict:
+        """Return versions, options and checksums, the same for the same inputs.
+
+        ``written`` names the outputs that are complete, besides the one that will hold this; their checksums are in it.
+        """
         versions = products.library_versions(self.stage.libraries)
-        inputs = {}
-        for name, value in self.inputs.items():
-            if isinstance(value, list):
-                inputs[name] = {path.name: products.sha256(path) for path in value}
-            elif value is not None:
-                inputs[name] = products.sha256(value)
+        outputs = {"output_sha256": _checksums(self.outputs, self.final, written)} if written else {}
         return {
             "stage": self.stage.name,
             "stage_version": self.stage.version,
@@ -88,12 +86,33 @@ class Job:
             "object": self.object,
             "solidity": self.solidity,
             "options": self.options.model_dump(mode="json") if self.options else {},
-            "input_sha256": inputs,
+            "input_sha256": _checksums(self.inputs, self.inputs, self.inputs),
+            **outputs,
         }
 
     def write_record(self, content: dict, output: str = "record") -> None:
         """Write the stage's JSON record: its findings, then its provenance."""
-        products.write_json(self.outputs[output], {**content, "provenance": self.provenance()})
+        written = [name for name in self.outputs if name != output and _all_there(self.outputs[name])]
+        products.write_json(self.outputs[output], {**content, "provenance": self.provenance(*written)})
+
+
+Files = dict[str, Path | list[Path]]
+
+
+def _checksums(files: Files, called: Files, names) -> dict:
+    """Return the SHA-256 of files by argument; of several, by the names that they are ``called``."""
+    found = {}
+    for name in names:
+        if isinstance(files[name], list):
+            pairs = zip(called[name], files[name], strict=True)
+            found[name] = {final.name: products.sha256(path) for final, path in pairs}
+        elif files[name] is not None:
+            found[name] = products.sha256(files[name])
+    return found
+
+
+def _all_there(paths: Path | list[Path]) -> bool:
+    return all(path.is_file() for path in (paths if isinstance(paths, list) else [paths]))
 
 
 def _flat(paths: dict[str, Path | list[Path]]) -> list[Path]:
