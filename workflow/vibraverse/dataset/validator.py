@@ -17,7 +17,7 @@ from vibraverse.dataset.fields import FIELDS
 from vibraverse.dataset.invariants import violated
 from vibraverse.dataset.pack import index_row
 from vibraverse.dataset.ranges import outside
-from vibraverse.dataset.tables import from_tsv, to_tsv
+from vibraverse.dataset.tables import Columns, from_tsv, to_tsv
 from vibraverse.paths import SOLIDITIES
 from vibraverse.refusal import said
 
@@ -37,8 +37,8 @@ def problems(h5, repeats=None) -> list[tuple[str, str]]:
         strange = schema.strange(h5)
         if strange:
             return [("", strange)]
-        rows = from_tsv(h5[schema.INDEX].asstr()[()], schema.INDEX_COLUMNS)
-        refusals = from_tsv(h5[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
+        rows = _by_object(h5[schema.INDEX].asstr()[()], schema.INDEX_COLUMNS)
+        refusals = _by_object(h5[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
         making = json.loads(h5[schema.MAKING].asstr()[()])
         names = list(h5["objects"])
     except Exception as error:
@@ -48,15 +48,23 @@ def problems(h5, repeats=None) -> list[tuple[str, str]]:
         sentences: list[str] = []
         try:
             group = h5["objects"][object_id]
-            sentences.extend(_of_object(object_id, group, rows, refusals))
+            told = rows.get(object_id, []), refusals.get(object_id, [])
+            sentences.extend(_of_object(object_id, group, *told))
             if not sentences and repeats is not None:
                 sentences.extend(repeats(object_id, group, making))
         except Exception as error:
             sentences.append(f"it cannot be read ({_said(error)})")
         found += [(object_id, sentence) for sentence in sentences]
-    for object_id in dict.fromkeys(row["object"] for row in [*rows, *refusals]):
-        if object_id not in names:
-            found.append((object_id, "the shard's index names it, but there is no such group"))
+    for object_id in sorted({**rows, **refusals}.keys() - set(names)):
+        found.append((object_id, "the shard's index names it, but there is no such group"))
+    return found
+
+
+def _by_object(table: str, columns: Columns) -> dict[str, list[dict]]:
+    """Return the rows of a table by their objects."""
+    found: dict[str, list[dict]] = {}
+    for row in from_tsv(table, columns):
+        found.setdefault(row["object"], []).append(row)
     return found
 
 
@@ -190,8 +198,7 @@ def _meant(path: str, letter: str) -> tuple[str, str]:
 
 def _index(object_id: str, group, rows: list[dict], refusals: list[dict]) -> Iterator[str]:
     """Yield where the shard's own rows of the index are not those of the object's group."""
-    stated = [row for row in rows if row["object"] == object_id]
-    for row in stated:
+    for row in rows:
         place = {name: row[name] for name in ("solidity", "material", "shard")}
         found = from_tsv(
             to_tsv([index_row(group, object_id, **place)], schema.INDEX_COLUMNS), schema.INDEX_COLUMNS
@@ -203,9 +210,9 @@ def _index(object_id: str, group, rows: list[dict], refusals: list[dict]) -> Ite
                 f"the group {found[wrong[0]]!r}"
             )
     there = {(s, name) for s in SOLIDITIES if s in group for name in group[s].get("materials") or ()}
-    for solidity, material in sorted(there ^ {(row["solidity"], row["material"]) for row in stated}):
+    for solidity, material in sorted(there ^ {(row["solidity"], row["material"]) for row in rows}):
         yield f"{solidity}, {material}: it stands either in the index or in the group, not in both"
-    told = {row["solidity"] for row in refusals if row["object"] == object_id}
+    told = {row["solidity"] for row in refusals}
     gone = {s for s in SOLIDITIES if s in group and "refusal_reason" in group[s].attrs}
     if told != ({""} if "refusal_reason" in group.attrs else gone):
         yield "the shard's list of refusals does not agree with its groups"
