@@ -116,6 +116,11 @@ def _fields(contents: dict) -> Iterator[str]:
     for path, item in contents.items():
         field = schema.field_at(path)
         if field.is_text:
+            text = item if field.is_attribute else item.asstr()[()]
+            if not isinstance(text, str):
+                yield f"{path} is no text"
+            elif field.dtype == "json" and not _is_record(text):
+                yield f"{path} holds no record (JSON)"
             continue
         dtype = getattr(item, "dtype", type(item).__name__)
         if field.dtype == "png":
@@ -127,6 +132,13 @@ def _fields(contents: dict) -> Iterator[str]:
             yield f"{path} {wrong}"
         if not field.is_attribute and item.attrs.get("unit") != field.unit:
             yield f"{path} has the unit {item.attrs.get('unit')!r}, not {field.unit!r}"
+
+
+def _is_record(text: str) -> bool:
+    try:
+        return isinstance(json.loads(text), dict)
+    except ValueError:
+        return False
 
 
 def _expected(group) -> Iterator[str]:
