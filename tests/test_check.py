@@ -190,6 +190,14 @@ def with_attribute(path: str, name: str, value):
     return change
 
 
+def with_text(path: str, text: str):
+    def change(objects):
+        del objects[path]
+        objects[path] = text
+
+    return change
+
+
 STEEL = "bar-0000/solid/materials/steel"
 
 
@@ -206,6 +214,8 @@ STEEL = "bar-0000/solid/materials/steel"
         (with_attribute("bar-0000/solid", "size_m", 1.0), "solid: scale_m = 0.1 is not size_m / 1.8"),
         (scaled("bar-0000/solid/basis/reduced/mu", 1.001), "but the stored basis gives"),
         (scaled("bar-0000/solid/sounds/steel", 0.999), "the sound steel differs by"),
+        (with_attribute("bar-0000", "title", 3), "@title is no text"),
+        (with_text("bar-0000/clean", "{"), "clean holds no record (JSON)"),
         (with_attribute("bar-0000", "category", "spoon"), "the index says category = 'bar', the group 'spoon'"),
     ],
 )  # fmt: skip

@@ -2,7 +2,6 @@
 from snakemake.settings.types import DeploymentMethod
 
 from vibraverse import preflight
-from vibraverse.products import write_text
 
 in_containers = DeploymentMethod.APPTAINER in workflow.deployment_settings.deployment_method
 if in_containers and workflow.is_main_process:
@@ -10,7 +9,7 @@ if in_containers and workflow.is_main_process:
 
 
 onstart:
-    write_text(paths.config, plan.configuration())
+    preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = list(workflow.dag.needrun_jobs())
     if in_containers:
         preflight.stop_without(

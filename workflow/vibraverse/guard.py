@@ -11,6 +11,8 @@ import os
 import sys
 from pathlib import Path
 
+from vibraverse.products import not_stored
+
 _held = []
 
 
@@ -20,8 +22,12 @@ def only_run(results: str | Path):
     Whoever holds it is named. Returns None on a file system without locks.
     """
     folder = Path(results)
-    folder.mkdir(parents=True, exist_ok=True)
-    lock = open(folder / ".run.lock", "a+")  # noqa: SIM115 - stays open as long as the process lives
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        lock = open(folder / ".run.lock", "a+")  # noqa: SIM115 - stays open as long as the process lives
+    except OSError as error:
+        print(f"vibraverse: {not_stored(error, folder) or error}", file=sys.stderr)
+        sys.exit(1)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
@@ -34,9 +40,13 @@ def only_run(results: str | Path):
         sys.exit(1)
     except OSError:
         return None  # a file system without locks: go on without one
-    lock.truncate(0)
-    lock.write(str(os.getpid()))
-    lock.flush()
+    try:
+        lock.truncate(0)
+        lock.write(str(os.getpid()))
+        lock.flush()
+    except OSError as error:
+        print(f"vibraverse: {not_stored(error, folder) or error}", file=sys.stderr)
+        sys.exit(1)
     _held.append(lock)
     return lock
 

@@ -2,13 +2,38 @@
 
 from __future__ import annotations
 
+import errno
 import glob
 import hashlib
 import importlib.metadata
 import json
 import os
+import re
 from contextlib import contextmanager
 from pathlib import Path
+
+#: What the system says when it cannot store a file: remedies by errno.
+_NO_ROOM = {
+    errno.ENOSPC: "free some space",
+    errno.EDQUOT: "free some space, or ask for a larger quota",
+    errno.EROFS: "make it writable, or choose another results folder",
+    errno.EACCES: "make it writable, or choose another results folder",
+    errno.EPERM: "make it writable, or choose another results folder",
+}
+
+
+def not_stored(error: BaseException, path: str | Path) -> str:
+    """Return one sentence when ``error`` says that ``path`` cannot be stored there, and what to do; else nothing.
+
+    Libraries hide the system's error in a text: HDF5 writes ``errno = 28`` into its own.
+    """
+    number = error.errno if isinstance(error, OSError) else None
+    if number is None:
+        hidden = re.search(r"errno = (\d+)", str(error))
+        number = int(hidden[1]) if hidden else None
+    if number not in _NO_ROOM:
+        return ""
+    return f"{path} cannot be written: {os.strerror(number)}; {_NO_ROOM[number]}, then repeat the command."
 
 
 def sha256(path: str | Path) -> str:

@@ -8,6 +8,7 @@ the products would have been.
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import time
@@ -143,6 +144,25 @@ def run(job: Job, command: list[str]) -> int:
                 _write_refusal(job, refusal)
                 return 0
     started = time.perf_counter()
+    try:
+        refused = _make(job)
+    except Exception as error:
+        said = _not_stored(job, error)
+        if not said:
+            raise
+        print(f"{job.stage.name}: {said}", file=sys.stderr, flush=True)
+        os._exit(1)  # HDF5 crashes at a process's end over what it could not write
+    if refused:
+        return 0
+    seconds = time.perf_counter() - started
+    for path in _flat(job.final)[:8]:
+        print(f"wrote {path}", file=sys.stderr)
+    print(f"{job.stage.name}: done in {seconds:.1f} s", file=sys.stderr)
+    return 0
+
+
+def _make(job: Job) -> bool:
+    """Make the products, or put a refusal in their place; return whether it was refused."""
     for path in _flat(job.final):
         path.parent.mkdir(parents=True, exist_ok=True)
         products.remove_partials(path)
@@ -161,12 +181,20 @@ def run(job: Job, command: list[str]) -> int:
                 job.object, job.stage.name, refused.reason, refused.message, refused.advice, job.solidity
             ),
         )
-        return 0
+        return True
     finally:
         for partial in _flat(job.outputs):
             partial.unlink(missing_ok=True)
-    seconds = time.perf_counter() - started
-    for path in _flat(job.final)[:8]:
-        print(f"wrote {path}", file=sys.stderr)
-    print(f"{job.stage.name}: done in {seconds:.1f} s", file=sys.stderr)
-    return 0
+    return False
+
+
+def _not_stored(job: Job, error: Exception) -> str:
+    """Return the sentence for an error that means that the products cannot be stored; empty for any other."""
+    finals = _flat(job.final)
+    if isinstance(error, PermissionError):  # which may as well mean an input
+        where = str(error.filename)
+        if where not in map(str, _flat(job.outputs)) and not any(
+            path.is_relative_to(where) for path in finals
+        ):
+            return ""
+    return products.not_stored(error, finals[0])

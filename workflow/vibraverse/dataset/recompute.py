@@ -1,6 +1,6 @@
 """Making numbers of the dataset again from others in it: frequencies from the basis, sounds from the modes.
 
-This is what says that labels and inputs belong together. It costs some hundred milliseconds an item, so a sample of the
+This is what says that labels and inputs belong together. It costs a tenth of a second an item, so a sample of the
 items is asked, by a hash of their names: the same ones every time, and others in every object.
 """
 

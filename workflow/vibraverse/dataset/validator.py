@@ -17,7 +17,7 @@ from vibraverse.dataset.fields import FIELDS
 from vibraverse.dataset.invariants import violated
 from vibraverse.dataset.pack import index_row
 from vibraverse.dataset.ranges import outside
-from vibraverse.dataset.tables import from_tsv, to_tsv
+from vibraverse.dataset.tables import Columns, from_tsv, to_tsv
 from vibraverse.paths import SOLIDITIES
 from vibraverse.refusal import said
 
@@ -37,8 +37,8 @@ def problems(h5, repeats=None) -> list[tuple[str, str]]:
         strange = schema.strange(h5)
         if strange:
             return [("", strange)]
-        rows = from_tsv(h5[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
-        refusals = from_tsv(h5[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
+        rows = _by_object(h5[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
+        refusals = _by_object(h5[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
         making = json.loads(h5[schema.MAKING].asstr()[()])
         names = list(h5["objects"])
     except Exception as error:
@@ -48,15 +48,23 @@ def problems(h5, repeats=None) -> list[tuple[str, str]]:
         sentences: list[str] = []
         try:
             group = h5["objects"][object_id]
-            sentences.extend(_of_object(object_id, group, rows, refusals))
+            told = rows.get(object_id, []), refusals.get(object_id, [])
+            sentences.extend(_of_object(object_id, group, *told))
             if not sentences and repeats is not None:
                 sentences.extend(repeats(object_id, group, making))
         except Exception as error:
             sentences.append(f"it cannot be read ({_said(error)})")
         found += [(object_id, sentence) for sentence in sentences]
-    for object_id in dict.fromkeys(row["object"] for row in [*rows, *refusals]):
-        if object_id not in names:
-            found.append((object_id, "the shard's index names it, but there is no such group"))
+    for object_id in sorted({**rows, **refusals}.keys() - set(names)):
+        found.append((object_id, "the shard's index names it, but there is no such group"))
+    return found
+
+
+def _by_object(table: str, columns: Columns) -> dict[str, list[dict]]:
+    """Return the rows of a table by their objects."""
+    found: dict[str, list[dict]] = {}
+    for row in from_tsv(table, columns):
+        found.setdefault(row["object"], []).append(row)
     return found
 
 
@@ -108,6 +116,11 @@ def _fields(contents: dict) -> Iterator[str]:
     for path, item in contents.items():
         field = schema.field_at(path)
         if field.is_text:
+            text = item if field.is_attribute else item.asstr()[()]
+            if not isinstance(text, str):
+                yield f"{path} is no text"
+            elif field.dtype == "json" and not _is_record(text):
+                yield f"{path} holds no record (JSON)"
             continue
         dtype = getattr(item, "dtype", type(item).__name__)
         if field.dtype == "png":
@@ -119,6 +132,13 @@ def _fields(contents: dict) -> Iterator[str]:
             yield f"{path} {wrong}"
         if not field.is_attribute and item.attrs.get("unit") != field.unit:
             yield f"{path} has the unit {item.attrs.get('unit')!r}, not {field.unit!r}"
+
+
+def _is_record(text: str) -> bool:
+    try:
+        return isinstance(json.loads(text), dict)
+    except ValueError:
+        return False
 
 
 def _expected(group) -> Iterator[str]:
@@ -195,8 +215,7 @@ def _meant(path: str, letter: str) -> tuple[str, str]:
 
 def _index(object_id: str, group, rows: list[dict], refusals: list[dict]) -> Iterator[str]:
     """Yield where the shard's own rows of the index are not those of the object's group."""
-    stated = [row for row in rows if row["object"] == object_id]
-    for row in stated:
+    for row in rows:
         place = {name: row[name] for name in ("solidity", "material", "shard")}
         found = from_tsv(
             to_tsv([index_row(group, object_id, **place)], schema.SHARD_COLUMNS), schema.SHARD_COLUMNS
@@ -208,9 +227,9 @@ def _index(object_id: str, group, rows: list[dict], refusals: list[dict]) -> Ite
                 f"the group {found[wrong[0]]!r}"
             )
     there = {(s, name) for s in SOLIDITIES if s in group for name in group[s].get("materials") or ()}
-    for solidity, material in sorted(there ^ {(row["solidity"], row["material"]) for row in stated}):
+    for solidity, material in sorted(there ^ {(row["solidity"], row["material"]) for row in rows}):
         yield f"{solidity}, {material}: it stands either in the index or in the group, not in both"
-    told = {row["solidity"] for row in refusals if row["object"] == object_id}
+    told = {row["solidity"] for row in refusals}
     gone = {s for s in SOLIDITIES if s in group and "refusal_reason" in group[s].attrs}
     if told != ({""} if "refusal_reason" in group.attrs else gone):
         yield "the shard's list of refusals does not agree with its groups"
