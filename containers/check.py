@@ -198,8 +198,10 @@ def index_of(check: Check, shard: Path) -> dict[str, Path]:
     paths = check.plan.paths
     index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
     index = {name: check.at(path) for name, path in index.items()}
-    more = ("splits", "card", "overview", "croissant")
-    check.run("index", shards=shard, **index, **{name: check.at(getattr(paths, name)) for name in more})
+    more = ("index_parquet", "splits", "card", "overview", "croissant", "dataset_sums")
+    names = {"index_parquet": "parquet", "dataset_sums": "sums"}
+    products = {names.get(name, name): check.at(getattr(paths, name)) for name in more}
+    check.run("index", shards=shard, **index, **products)
     return index
 
 

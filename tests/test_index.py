@@ -8,6 +8,8 @@ import pytest
 
 import make_products
 from vibraverse import products
+from vibraverse.dataset import schema, tables
+from vibraverse.dataset.parquet import write_parquet
 from vibraverse.paths import Paths
 
 
@@ -32,6 +34,18 @@ def test_one_row_per_object_body_and_material(paths):
     assert float(wood["size_m"]) == make_products.SIZE_M
     assert wood["licence"] == "CC0-1.0"
     assert len({row["split"] for row in rows if row["object"] == "bar-0000"}) == 1
+
+
+def test_parquet_holds_the_same_rows_with_their_types_and_meanings(paths, tmp_path):
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(paths.index_parquet)
+    with open(paths.index, encoding="utf-8") as file:
+        assert table.to_pylist() == tables.from_tsv(file.read(), schema.INDEX_COLUMNS)
+    assert str(table.schema.field("mass_kg").type) == "double"
+    assert table.schema.field("mass_kg").metadata == {b"description": b"mass of the body"}
+    write_parquet(tmp_path / "again", table.to_pylist(), schema.INDEX_COLUMNS)
+    assert products.sha256(tmp_path / "again") == products.sha256(paths.index_parquet)
 
 
 def test_refusals_have_reasons_and_advice(paths):
@@ -75,10 +89,16 @@ def test_the_record_holds_the_shards_checksums(paths):
 
 def test_order_of_the_shards_does_not_matter(paths, tmp_path):
     shards = [paths.at(paths.shard, shard=number) for number in ("1", "0")]
-    names = ("index", "splits", "refusals", "record", "card", "overview", "croissant")
+    names = ("index", "splits", "refusals", "record", "card", "overview", "croissant", "parquet", "sums")
     outputs = [(f"--{name}", tmp_path / name) for name in names]
     make_products.call("index", "--shards", *shards, *sum(outputs, ()))
-    for name, path in (("index", paths.index), ("splits", paths.splits), ("overview", paths.overview)):
+    same = {
+        "index": paths.index,
+        "splits": paths.splits,
+        "overview": paths.overview,
+        "parquet": paths.index_parquet,
+    }
+    for name, path in same.items():
         with open(path, "rb") as first:
             assert first.read() == (tmp_path / name).read_bytes()
 

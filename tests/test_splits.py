@@ -19,7 +19,7 @@ from vibraverse.plan import Plan
 from vibraverse.targets import kept_splits
 
 SPLITS = Dataset().splits
-OUTPUTS = ("index", "splits", "refusals", "record", "card", "overview", "croissant")
+OUTPUTS = ("index", "splits", "refusals", "record", "card", "overview", "croissant", "parquet", "sums")
 
 
 def alone(names) -> dict[str, str]:

@@ -14,6 +14,14 @@ from vibraverse.dataset.splits import shard_of
 from vibraverse.paths import Paths
 from vibraverse.sources.catalogue import Entry, catalogue
 
+#: What a dataset does not depend on: where things lie, and what is made of it.
+_NOT_RECORDED = {
+    "results": True,
+    "sources": {"objaverse": {"cache"}},
+    "dataset": {"max_refused_share"},
+    "report": True,
+}
+
 
 class Plan:
     """The objects of a configuration and the options of their stages."""
@@ -61,6 +69,13 @@ class Plan:
         else:
             values = getattr(config, stage).model_dump(mode="json")
         return json.dumps(values, ensure_ascii=False)
+
+    def configuration(self) -> str:
+        """Return the configuration with every default filled in, as YAML: all of it that the dataset depends on."""
+        import yaml
+
+        values = self.config.model_dump(mode="json", exclude=_NOT_RECORDED)
+        return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
     def modes_class(self) -> str:
         """Return the resource class of stage ``modes``: heavy where a material must be solved on the mesh."""

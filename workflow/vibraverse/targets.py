@@ -66,7 +66,9 @@ def kept_splits_argument(plan: Plan) -> str:
 
 def everything(plan: Plan) -> list[str]:
     """Return what a run makes in the end."""
-    return [plan.paths.report, plan.paths.verdict]
+    paths = plan.paths
+    # Others than the first two because results of before they were made would never get them else.
+    return [paths.report, paths.verdict, paths.dataset_config, paths.dataset_sums, paths.index_parquet]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:

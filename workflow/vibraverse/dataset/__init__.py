@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 
 
 def open(path, fields=None, look: str = "clay") -> Reader:
-    """Open a dataset's folder (``results/dataset``) or one shard; see :class:`~vibraverse.dataset.reader.Reader`.
+    """Open a dataset's folder (``results/dataset``), one shard, or a view of several datasets (``vibraverse join``).
 
+    Returns a :class:`~vibraverse.dataset.reader.Reader`.
     ``fields`` names what a sample holds (see ``docs/dataset.md``; ``look`` chooses its pictures).
     """
     from vibraverse.dataset.reader import DEFAULT_FIELDS, Reader, shards_at, splits_at

@@ -108,14 +108,6 @@ def stage_products(paths: Paths, object_id: str, solidities) -> list[Path]:
     return [Path(path) for path in found]
 
 
-def provenance_of(path: Path) -> dict:
-    """Return the provenance a product states: a JSON record's, or an HDF5 file's."""
-    if path.suffix == ".json":
-        return products.read_json(path)["provenance"]
-    with h5py.File(path) as file:
-        return json.loads(file.attrs["provenance"])
-
-
 def _surface(place: str, path: Path) -> Pairs:
     if path.suffix == ".ply":
         vertices, faces = read_ply(path)

@@ -34,6 +34,11 @@ class Field:
         """Whether the field holds text and so has no unit."""
         return self.dtype in ("json", "text")
 
+    @property
+    def is_refusal(self) -> bool:
+        """Whether only what is refused has the field."""
+        return "@refusal_" in self.path
+
 
 _NORMALISED = "1 (normalised: longest side 1.8)"
 _BODY = "{solidity}"
@@ -76,6 +81,14 @@ FIELDS: tuple[Field, ...] = (
         "()",
         "",
         "SHA-256 of one product per stage that this object came from",
+    ),
+    Field(
+        "checksums",
+        "checksums",
+        "json",
+        "()",
+        "",
+        "for each group and dataset of the object, the first 64 bits of the SHA-256 of its content",
     ),
     Field("source", "source", "json", "()", "", "where the mesh came from, as written by `sources`"),
     Field("clean", "clean", "json", "()", "", "what was repaired, and the scale, as written by `clean`"),
@@ -222,7 +235,7 @@ FIELDS: tuple[Field, ...] = (
         "poisson_nodes",
         f"{_BASIS}/reduced/poisson_nodes",
         "float64",
-        "(c,)",
+        "(q,)",
         "1",
         "where the sparse problem was solved, then where the basis was corrected",
     ),

@@ -15,10 +15,11 @@ import numpy as np
 from vibraverse.config.dataset import ShardOptions
 from vibraverse.dataset import collect, schema
 from vibraverse.dataset.chain import refusals_of
+from vibraverse.dataset.checksums import checksums
 from vibraverse.dataset.making import join, making_of
 from vibraverse.dataset.tables import to_tsv
 from vibraverse.paths import Paths
-from vibraverse.products import sha256
+from vibraverse.products import read_provenance, sha256
 from vibraverse.refusal import Refusal
 
 #: Arrays of fewer bytes than this are stored as they are.
@@ -48,6 +49,7 @@ def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, sha
     for solidity, refusal in refusals.bodies.items():
         _write_refusal(group, solidity, refusal)
     if refusals.object is not None:
+        write_field(group, schema.CHECKSUMS, json.dumps(checksums(group)))
         return Packed([], refusals.rows(object_id), {})
 
     write_fields(group, collect.object_fields(paths, object_id, options.looks))
@@ -64,7 +66,8 @@ def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, sha
         for solidity in bodies
         for material in options.materials
     ]
-    making = join(making_of(collect.provenance_of(path)) for path in made)
+    write_field(group, schema.CHECKSUMS, json.dumps(checksums(group)))
+    making = join(making_of(read_provenance(path)) for path in made)
     return Packed(rows, refusals.rows(object_id), making)
 
 

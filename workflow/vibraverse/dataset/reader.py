@@ -52,6 +52,9 @@ class Reader:
         self._shard_of: dict[str, str] = {}
         for name in self.shards:
             file = self._open(name)
+            strange = schema.strange(file)
+            if strange:
+                raise ValueError(f"{self.shards[name]}: {strange}")
             self.items += from_tsv(file[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
             self.refusals += from_tsv(file[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
             self._shard_of.update(dict.fromkeys(file["objects"], name))
@@ -157,15 +160,28 @@ class Reader:
         """Return the HDF5 group of an object, to look at anything in it. Raises :class:`KeyError` if unknown."""
         if object not in self._shard_of:
             raise KeyError(unknown("object", object, self._shard_of))
-        return self._open(self._shard_of[object])["objects"][object]
+        groups = self._open(self._shard_of[object])["objects"]
+        try:
+            return groups[object]
+        except KeyError:  # of a view (`vibraverse join`) whose dataset was moved
+            raise FileNotFoundError(
+                f"{self.shards[self._shard_of[object]]} links to {groups.get(object, getlink=True).filename}, which is "
+                "not there; join the datasets again"
+            ) from None
 
     def making(self) -> list[dict]:
         """Return how each shard was made: per stage its version, libraries and options."""
         return [json.loads(self._open(name)[schema.MAKING].asstr()[()]) for name in self.shards]
 
     def problems(self) -> list[str]:
-        """Return what in the shards disagrees with the schema, one sentence each."""
-        return [f"{name}: {text}" for name in self.shards for text in schema.problems(self._open(name))]
+        """Return what in the shards is not as the schema says, one sentence each; ``vibraverse check`` asks more."""
+        from vibraverse.dataset.validator import problems
+
+        return [
+            f"{name}: {object_id + ': ' if object_id else ''}{sentence}"
+            for name in self.shards
+            for object_id, sentence in problems(self._open(name))
+        ]
 
     def close(self) -> None:
         """Close the files of this process; the next access opens them again."""
@@ -209,17 +225,26 @@ def shards_at(path: str | Path) -> list[Path]:
 def splits_at(path: str | Path) -> dict[str, str]:
     """Return the split of every object, as ``splits.tsv`` in a dataset's folder says it; for a shard, in its own.
 
-    Empty where there is no such file.
+    A view of several datasets holds its splits. Empty where there are none.
     """
     path = Path(path)
+    if path.is_file():
+        import h5py
+
+        with h5py.File(path) as h5:
+            if schema.SPLITS in h5:
+                return _splits_in(h5[schema.SPLITS].asstr()[()])
     table = (path.parent.parent if path.is_file() else path) / "splits.tsv"
     return read_splits(table) if table.is_file() else {}
 
 
 def read_splits(table: str | Path) -> dict[str, str]:
     """Return the split of every object from a ``splits.tsv``."""
-    rows = from_tsv(Path(table).read_text(encoding="utf-8"), SPLIT_COLUMNS)
-    return {row["object"]: row["split"] for row in rows}
+    return _splits_in(Path(table).read_text(encoding="utf-8"))
+
+
+def _splits_in(text: str) -> dict[str, str]:
+    return {row["object"]: row["split"] for row in from_tsv(text, SPLIT_COLUMNS)}
 
 
 def _field(name: str) -> schema.Field:

@@ -6,9 +6,9 @@ from collections import Counter
 
 from vibraverse.dataset.making import join
 from vibraverse.dataset.reader import Reader
+from vibraverse.physics.materials import PARAMETERS
 
 _RANGES = ("size_m", "volume_m3", "mass_kg", "tetrahedra", "f1_hz", "f_last_hz", "duration_s")
-_MATERIAL_KEYS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
 
 
 def summary(reader: Reader) -> dict:
@@ -51,7 +51,7 @@ def _materials(reader: Reader) -> dict[str, dict[str, float]]:
     for item in reader.items:
         if item["material"] not in found:
             place = {name: item[name] for name in ("object", "solidity", "material")}
-            found[item["material"]] = {key: float(reader.read(key, **place)) for key in _MATERIAL_KEYS}
+            found[item["material"]] = {key: float(reader.read(key, **place)) for key in PARAMETERS}
     return found
 
 

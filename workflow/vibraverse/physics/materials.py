@@ -10,7 +10,8 @@ import re
 
 from vibraverse.seeds import rng
 
-_COLUMNS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
+#: What makes a material: density, Young's modulus, Poisson's ratio, Rayleigh damping.
+PARAMETERS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
 
 _ROWS = {
     "ceramic": (2700.0, 7.2e10, 0.19, 6.0, 1e-7),
@@ -27,7 +28,7 @@ _SAMPLED = re.compile(r"sampled-(\d{4,})")
 
 #: Name -> density in kg/m³, Young's modulus in Pa, Poisson's ratio, damping alpha in 1/s and beta in s.
 MATERIALS: dict[str, dict[str, float]] = {
-    name: dict(zip(_COLUMNS, row, strict=True)) for name, row in _ROWS.items()
+    name: dict(zip(PARAMETERS, row, strict=True)) for name, row in _ROWS.items()
 }
 
 
@@ -58,9 +59,9 @@ def sampled(object_id: str, seed: int, count: int, ranges: dict) -> dict:
 def drawn(random, count: int, ranges: dict) -> dict:
     """Return what :func:`sampled` does, from a NumPy generator."""
     # Row by row, so that a higher count begins with the same rows.
-    places = random.random((count, len(_COLUMNS))).T
+    places = random.random((count, len(PARAMETERS))).T
     found = {}
-    for name, place in zip(_COLUMNS, places, strict=True):
+    for name, place in zip(PARAMETERS, places, strict=True):
         low, high = ranges[name]
         found[name] = low + (high - low) * place if name == "poisson" else low * (high / low) ** place
     return found

@@ -13,7 +13,7 @@ VERSIONS = {
     "audio": 1,
     "images": 1,
     "dataset": 5,
-    "index": 3,
+    "index": 5,
     "report": 3,
     "validation_meshes": 1,
     "validation_modes": 1,

@@ -14,9 +14,9 @@ def run(job: Job) -> None:
     from vibraverse.cli import UsageError
     from vibraverse.config import unknown
     from vibraverse.media import audio
+    from vibraverse.modesfile import read_spectrum
     from vibraverse.physics.impulse import contact, impact_sound
     from vibraverse.physics.materials import sampled_name
-    from vibraverse.stages.modes import read_spectrum
 
     options = job.options
     names = [path.stem for path in job.final["sounds"]]

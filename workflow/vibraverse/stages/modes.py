@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from vibraverse.config.physics import MaterialModes
 from vibraverse.geometry import LONGEST_SIDE
-from vibraverse.physics.materials import sampled_number
 from vibraverse.products import read_json, write_provenance
 from vibraverse.stage import Job, Stage
 
@@ -103,26 +102,6 @@ def _write_sampled(h5, job: Job, basis, scale_m: float) -> None:
         f"{options.sampled.count} sampled materials: estimated error up to {solved['relative_error'].max():.1e} by the "
         f"basis and {solved['discretisation_error'].max():.1e} by the elements"
     )
-
-
-def read_spectrum(h5, material: str) -> tuple:
-    """Return frequencies in Hz (m,) and decay rates in 1/s (m,) of a material in an open modes.h5, named or sampled.
-
-    Raises :class:`KeyError` where there is no such material.
-    """
-    import numpy as np
-
-    from vibraverse.physics.damping import rayleigh_damping
-
-    number = sampled_number(material)
-    if number is None:
-        group = h5["materials"][material]
-        return group["frequencies_hz"][()], group["damping_per_s"][()]
-    if "sampled" not in h5 or number >= len(h5["sampled/poisson"]):
-        raise KeyError(material)
-    frequencies = h5["sampled/frequencies_hz"][number]
-    alpha, beta = (h5[f"sampled/{key}"][number] for key in ("alpha_per_s", "beta_s"))
-    return frequencies, rayleigh_damping(2 * np.pi * frequencies, alpha, beta)[0]
 
 
 def _solved(job: Job, basis, material: dict, scale_m: float):
