@@ -45,5 +45,6 @@ def main(argv: list[str]) -> int:
     if wrong:
         print(f"{chosen.dataset}: {wrong} findings; `vibraverse repair` says what to make again.")
         return 1
-    print(f"{chosen.dataset} is as it was written, and agrees with itself.")
+    share_made = f"{chosen.sample:.0%} of its items made again" if chosen.sample else "nothing made again"
+    print(f"{chosen.dataset} is as it was written, and agrees with itself ({share_made}).")
     return 0
