@@ -17,7 +17,8 @@ with vibraverse.dataset.open(sys.argv[1]) as data:
 size = np.linalg.norm(shapes[0], axis=1)  # of the lowest mode, at every vertex
 axes = plt.figure().add_subplot(projection="3d")
 bent = vertices + 0.2 * shapes[0] / size.max()
-axes.plot_trisurf(*bent.T, triangles=faces, cmap="viridis").set_array(size[faces].mean(axis=1))
+drawn = axes.plot_trisurf(*bent.T, triangles=faces, cmap="viridis")
+drawn.set(array=size[faces].mean(axis=1), clim=(0, size.max()))
 axes.set(title=f"{item['title']}, {item['material']}: {hz[0]:.0f} Hz", aspect="equal")
 plt.savefig("mode.png", dpi=150)
 soundfile.write("sound.wav", sound, rate)
