@@ -128,7 +128,8 @@ def _run(folder: Path, solver: str, lowest: float | None):
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.columns import residuals
     from vibraverse.physics.eigensolver import RIGID, solve
-    from vibraverse.physics.elasticity import assemble, lame
+    from vibraverse.physics.elasticity import assemble
+    from vibraverse.physics.materials import lame
 
     random, solves = np.random.default_rng(0), None
     # Libraries are loaded before the clock starts.

@@ -1,6 +1,6 @@
 """New materials from the basis against solves of their own: time, error, and what the estimate says of it.
 
-    python benchmarks/materials.py [--materials 20] [OBJECT[:hollow] ...]
+    python benchmarks/materials.py [--materials 20] [--sampled 1000] [OBJECT[:hollow] ...]
 
 Materials are random over the range of real ones (E 5e8 to 5e11 Pa, ρ 500 to 10,000 kg/m³, ν 0.1 to 0.4). Both sides use
 the same matrices; the sparse solve's own error is near 1e-9. A material's time is that of its frequencies, damping and
@@ -33,21 +33,24 @@ def main() -> None:
     )
     parser.add_argument("objects", nargs="*", default=OBJECTS, help="ids; append :hollow for the hollow body")
     parser.add_argument("--materials", type=int, default=20, help="materials per object")
+    parser.add_argument("--sampled", type=int, default=1000, help="sampled materials per object")
     arguments = parser.parse_args()
     print(
-        "| body | unknowns | basis, CPU s | a material, CPU ms: median, largest | error, largest | estimate / error |"
+        "| body | unknowns | basis, CPU s | a material, CPU ms: median, largest | error, largest | estimate / error "
+        f"| {arguments.sampled:,} sampled, CPU s; ms a material | MB |"
     )
-    print("|" + 6 * " --- |")
+    print("|" + 8 * " --- |")
     rows = []
     for name in arguments.objects:
         # A process each, because the sparse solver keeps the memory of the largest mesh.
         with multiprocessing.get_context("spawn").Pool(1) as pool:
-            row = pool.apply(_row, (name, arguments.materials))
+            row = pool.apply(_row, (name, arguments.materials, arguments.sampled))
         rows.append(row)
         milliseconds, error, ratio = row["milliseconds"], row["error"], row["ratio"]
         print(
             f"| {name} | {row['unknowns']:,} | {row['seconds']:.1f} | {np.median(milliseconds):.1f}, "
-            f"{max(milliseconds):.1f} | {error:.1e} | {ratio.min():.2f} to {ratio.max():.2g} |",
+            f"{max(milliseconds):.1f} | {error:.1e} | {ratio.min():.2f} to {ratio.max():.2g} "
+            f"| {row['sampled_s']:.1f}, {1000 * row['sampled_s'] / arguments.sampled:.1f} | {row['sampled_mb']:.2f} |",
             flush=True,
         )
     every = np.concatenate([row["milliseconds"] for row in rows])
@@ -59,12 +62,14 @@ def main() -> None:
     )
 
 
-def _row(name: str, count: int) -> dict:
+def _row(name: str, count: int, many: int) -> dict:
+    from vibraverse.config.physics import Sampled
     from vibraverse.geometry.tets import tetrahedralise
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.eigensolver import solve
     from vibraverse.physics.elasticity import assemble
-    from vibraverse.physics.modes import solve_material
+    from vibraverse.physics.materials import sampled
+    from vibraverse.physics.modes import solve_material, solve_materials
     from vibraverse.seeds import rng
 
     object_, _, solidity = name.partition(":")
@@ -91,6 +96,10 @@ def _row(name: str, count: int) -> dict:
         exact_hz = np.sqrt(exact * material["young_pa"] / material["density_kg_m3"]) / 0.1 / (2 * np.pi)
         errors.append(found.frequencies_hz / exact_hz - 1)
         estimates.append(found.relative_error)
+    drawn = sampled(object_, 0, many, Sampled().ranges())
+    start = time.process_time()
+    solved = solve_materials(basis, drawn, 0.1, MODES)
+    sampled_s = time.process_time() - start
     error, estimate = np.concatenate(errors), np.concatenate(estimates)
     # Below this the solve itself is not known better.
     known = error > 1e-8
@@ -98,6 +107,8 @@ def _row(name: str, count: int) -> dict:
         "unknowns": operators.unknowns,
         "seconds": seconds,
         "milliseconds": milliseconds,
+        "sampled_s": sampled_s,
+        "sampled_mb": sum(array.nbytes for array in (*drawn.values(), *solved.values())) / 2**20,
         "error": float(np.abs(error).max()),
         "ratio": (estimate / np.where(known, error, 1.0))[known],
     }

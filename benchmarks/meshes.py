@@ -124,6 +124,7 @@ def _chain(vertices, faces, name: str, row: dict, cpu: dict) -> None:
 def _tets(solidity: str, surface, row: dict, timed) -> None:
     from vibraverse.geometry import quality, surfaces
     from vibraverse.geometry.tets import tetrahedralise
+    from vibraverse.physics.basis import boundary
 
     try:
         mesh = timed(f"tets {solidity}", tetrahedralise, *surface)
@@ -132,7 +133,9 @@ def _tets(solidity: str, surface, row: dict, timed) -> None:
         return
     volume = float(quality.volumes(mesh.points, mesh.cells).sum())
     row["bodies"][solidity] = {
+        "vertices": len(mesh.points),
         "elements": len(mesh.cells),
+        "surface_triangles": len(boundary(mesh.cells)[0]),
         "volume_change": volume / surfaces.volume(*surface) - 1,
         "quality": mesh.quality,
         "warnings": mesh.warnings,

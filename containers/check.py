@@ -193,29 +193,28 @@ def refuse_all(check: Check) -> Path:
     return check.at(shard)
 
 
-def index_of(check: Check, shard: Path) -> dict[str, Path]:
-    """Run the stage ``index`` and return its products."""
-    paths = check.plan.paths
-    index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
-    index = {name: check.at(path) for name, path in index.items()}
-    check.run("index", shards=shard, **index)
-    return index
-
-
 def dataset(check: Check) -> None:
     """A dataset of refused objects: all tables, no arrays."""
     shard = refuse_all(check)
     check.run("dataset", *check.options("dataset"), shard=shard)
-    index_of(check, shard)
+    paths = check.plan.paths
+    names = {"record": "dataset_record", "parquet": "index_parquet", "sums": "dataset_sums"}
+    same = ("index", "splits", "refusals", "card", "overview", "croissant")
+    found = {name: check.at(getattr(paths, names.get(name, name))) for name in (*same, *names)}
+    check.run("index", *check.options("index"), shards=shard, **found)
 
 
 def report(check: Check) -> None:
-    """The page of a dataset of refused objects, packed by the library, for the stage needs more packages."""
+    """The page of a dataset of refused objects, packed and indexed by the library, as the stages need more packages."""
     import h5py
 
     from vibraverse import products
     from vibraverse.config.dataset import ShardOptions
     from vibraverse.dataset.pack import finish, pack_object
+    from vibraverse.dataset.reader import Reader
+    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
+    from vibraverse.dataset.summary import summary
+    from vibraverse.dataset.tables import to_tsv
 
     shard = refuse_all(check)
     options = ShardOptions.model_validate_json(check.options("dataset")[1])
@@ -225,10 +224,14 @@ def report(check: Check) -> None:
             h5, [pack_object(groups, check.plan.paths, name, options, shard.name) for name in options.objects]
         )
         products.write_provenance(h5, {"stage": "dataset", "libraries": {}})
-    index = index_of(check, shard)
-    check.run(
-        "report", *check.options("report"), shards=shard, **index, page=check.at(check.plan.paths.report)
-    )
+    paths = check.plan.paths
+    index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
+    index = {name: check.at(path) for name, path in index.items()}
+    with Reader([shard]) as reader:
+        index["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
+        index["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
+        products.write_json(index["record"], {**summary(reader), "shards": {}})
+    check.run("report", *check.options("report"), shards=shard, **index, page=check.at(paths.report))
 
 
 def everything(check: Check) -> None:

@@ -13,14 +13,17 @@ from pathlib import Path
 
 import h5py
 import numpy as np
-import soundfile
 import trimesh
 from PIL import Image
 
 from vibraverse import meshfiles, products
 from vibraverse.cli import main
+from vibraverse.config.media import Audio
+from vibraverse.config.physics import Sampled
+from vibraverse.media.audio import wav_bytes
 from vibraverse.paths import Paths
-from vibraverse.physics.materials import MATERIALS
+from vibraverse.physics.impulse import impact_sound
+from vibraverse.physics.materials import MATERIALS, lame, sampled
 from vibraverse.refusal import Refusal
 from vibraverse.seeds import rng
 from vibraverse.tetfiles import write_tets
@@ -30,6 +33,9 @@ LOOKS = ("clay", *MATERIAL_NAMES)
 OBJECTS = ("ball-0000", "bar-0000", "leaf")
 SIZE_M = 0.18
 MODES = 64
+#: Sampled materials of every body; none has a sound.
+SAMPLED = 3
+SOUND = Audio(max_s=1.5)
 
 _SHAPES = {
     "bar-0000": lambda: trimesh.creation.box((1.8, 0.4, 0.3)).subdivide(),
@@ -84,11 +90,13 @@ def pack(results: Path, groups=(("ball-0000", "leaf"), ("bar-0000",))) -> list[P
     return made
 
 
-def index(results: Path, shards: list[Path]) -> None:
-    """Write index, refusals and record of the shards with the stage ``index``."""
+def index(results: Path, shards: list[Path], *more) -> None:
+    """Write index, splits, refusals and record of the shards with the stage ``index``; ``more`` are arguments."""
     paths = Paths(results)
-    outputs = ("--index", paths.index, "--refusals", paths.refusals, "--record", paths.dataset_record)
-    call("index", "--shards", *shards, *outputs)
+    tables = ("--index", paths.index, "--splits", paths.splits, "--refusals", paths.refusals)
+    about = ("--card", paths.card, "--overview", paths.overview, "--croissant", paths.croissant)
+    others = ("--parquet", paths.index_parquet, "--sums", paths.dataset_sums)
+    call("index", "--shards", *shards, *tables, "--record", paths.dataset_record, *about, *others, *more)
 
 
 def report(results: Path, **changes) -> Path:
@@ -127,10 +135,19 @@ def provenance(stage: str, object_id: str, solidity: str = "", **values) -> dict
 
 
 def frequencies(object_id: str, solidity: str, material: dict, size_m: float = SIZE_M) -> np.ndarray:
-    """Return the stand-in's eigenfrequencies in Hz."""
-    spread = np.sort(rng(object_id, "spectrum").uniform(0.09, 0.9, MODES))
-    softer = 0.72 if solidity == "hollow" else 1.0
-    return spread * softer * np.sqrt(material["young_pa"] / material["density_kg_m3"]) / size_m
+    """Return the stand-in's eigenfrequencies in Hz: those of :func:`stiffness` in a material."""
+    omega = np.sqrt(stiffness(object_id, solidity) * lame(1.0, material["poisson"])[1])
+    return omega * np.sqrt(material["young_pa"] / material["density_kg_m3"]) / (size_m / 1.8) / (2 * np.pi)
+
+
+def stiffness(object_id: str, solidity: str) -> np.ndarray:
+    """Return the diagonal (MODES,) of the stand-in's reduced stiffness of μ; that of λ is zero.
+
+    Objects of one shape have one spectrum.
+    """
+    shape = object_id if object_id in _SHAPES else "ball-0000"
+    spread = np.sort(rng(shape, "spectrum").uniform(0.5, 5.0, MODES))
+    return (spread * (0.72 if solidity == "hollow" else 1.0) * np.pi) ** 2
 
 
 def refuse(paths: Paths, object_id: str, stage: str, reason: str, message: str) -> None:
@@ -228,18 +245,22 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
     products.write_json(at(paths.tets_record), record)
 
     random = rng(object_id, solidity)
-    rank = 8
+    rank = MODES
     with h5py.File(at(paths.basis), "w") as h5:
         h5.attrs.update(volume=volume, order=2, n_vertices=len(points), n_tetrahedra=len(tets))
         h5.attrs.update(n_unknowns=3 * len(points), method="dense", factorisation="none", error=1e-6)
-        h5["reduced/lambda"], h5["reduced/mu"] = np.eye(rank), 2 * np.eye(rank)
-        h5["reduced/residual_sketch"], h5["reduced/residuals"] = np.zeros((1, 5, 3 * rank)), np.zeros(4)
+        h5["reduced/lambda"], h5["reduced/mu"] = (
+            np.zeros((rank, rank)),
+            np.diag(stiffness(object_id, solidity)),
+        )
+        h5["reduced/residual_sketch"], h5["reduced/residuals"] = np.zeros((1, 5, 3 * rank)), np.zeros(MODES)
         h5["reduced/energy_poisson"] = [0.3]
         h5["reduced/poisson_range"] = [0.1, 0.4]
         h5["reduced/poisson_nodes"] = [0.1, 0.4]
         h5["surface/vertices"], h5["surface/faces"] = vertices, faces.astype(np.int32)
         h5["surface/basis"] = random.normal(size=(len(vertices), 3, rank)).astype(np.float32)
-        h5["correction/lambda"], h5["correction/mu"] = np.eye(rank + 4)[:, rank:], np.eye(rank + 4)[:, rank:]
+        # Far stiffer than the modes, so that they hardly change them.
+        h5["correction/lambda"] = h5["correction/mu"] = 1e6 * np.eye(rank + 4)[:, rank:]
         h5["correction/mass"] = np.zeros((rank, 4))
         h5["correction/surface"] = random.normal(size=(len(vertices), 3, 4)).astype(np.float32)
         h5["rigid/centre"], h5["rigid/inertia"] = np.zeros(3), np.eye(3)
@@ -255,6 +276,7 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
             group = h5.create_group(f"materials/{name}")
             group.attrs.update(material, mass_kg=material["density_kg_m3"] * h5.attrs["volume_m3"])
             hz = frequencies(object_id, solidity, material)
+            group.attrs["following_hz"] = 1.1 * hz[-1]
             damping = 0.5 * (material["alpha_per_s"] + material["beta_s"] * (2 * np.pi * hz) ** 2)
             group["frequencies_hz"], group["damping_per_s"] = hz, damping
             group["damped_frequencies_hz"] = np.sqrt(np.maximum(hz**2 - (damping / (2 * np.pi)) ** 2, 0))
@@ -265,25 +287,29 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
             group.attrs["solved_directly"] = False
             shapes = random.normal(size=(MODES, len(vertices), 3))
             group["mode_shapes"] = shapes.astype(np.float32)
-            gain, samples = _sound(hz, damping)
-            soundfile.write(at(paths.sound, material=name), samples, 44_100, subtype="PCM_24")
-            sounds[name] = {"gain": gain, "duration_s": len(samples) / 44_100, "modes_rendered": MODES}
-        products.write_provenance(h5, provenance("modes", object_id, solidity, modes=MODES))
+            sound = impact_sound(hz, damping, SOUND.sample_rate_hz, SOUND.decay_db, SOUND.max_s)
+            wav, levels = wav_bytes(sound.samples, sound.sample_rate_hz)
+            at(paths.sound, material=name).write_bytes(wav)
+            sounds[name] = {**levels, "duration_s": sound.duration_s, "modes_rendered": sound.modes_rendered}
+        _sampled(h5, object_id, solidity)
+        products.write_provenance(h5, provenance("modes", object_id, solidity, modes=MODES, corrected=False))
     record = {
         "sample_rate_hz": 44_100,
         "sounds": sounds,
-        "provenance": provenance("audio", object_id, solidity),
+        "provenance": provenance("audio", object_id, solidity, **SOUND.model_dump(mode="json")),
     }
     products.write_json(at(paths.audio_record), record)
 
 
-def _sound(hz, damping) -> tuple[float, np.ndarray]:
-    time = np.arange(int(min(1.5, 6.9 / damping.min()) * 44_100)) / 44_100
-    heard = hz < 22_050
-    waves = np.exp(-np.outer(time, damping[heard])) * np.sin(2 * np.pi * np.outer(time, hz[heard]))
-    samples = (waves / hz[heard]).sum(axis=1)
-    gain = 0.9 / np.abs(samples).max()
-    return float(gain), gain * samples
+def _sampled(h5, object_id: str, solidity: str) -> None:
+    drawn = sampled(object_id, 0, SAMPLED, Sampled().ranges())
+    rows = [dict(zip(drawn, row, strict=True)) for row in zip(*drawn.values(), strict=True)]
+    drawn["mass_kg"] = drawn["density_kg_m3"] * h5.attrs["volume_m3"]
+    drawn["frequencies_hz"] = np.stack([frequencies(object_id, solidity, row) for row in rows])
+    for key, array in drawn.items():
+        h5[f"sampled/{key}"] = array
+    for key in ("relative_error", "discretisation_error"):
+        h5[f"sampled/{key}"] = np.full((SAMPLED, MODES), 1e-4, np.float32)
 
 
 def _picture(look: str, view: int) -> bytes:

@@ -70,6 +70,23 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         ),
         ({"materials": {"own": {"density_kg_m3": 1}}}, "materials.own.young_pa is missing"),
         ({"materials": {"own": 5}}, "materials.own must hold keys and values, not 5"),
+        (
+            {"materials": {"sampled-0001": OWN}},
+            "materials: the name 'sampled-0001' is kept for a sampled material",
+        ),
+        (
+            {"sampled": {"young_pa": [2e9, 1e9]}},
+            "sampled.young_pa: must ascend, not fall from 2e+09 to 1e+09",
+        ),
+        ({"sampled": {"count": -1}}, "sampled.count must be at least 0, not -1"),
+        (
+            {"sampled": {"count": 1, "poisson": [0.1, 0.45]}},
+            "sampled.poisson (0.1 to 0.45) must lie in basis.poisson_range (0.1 to 0.4): sampled materials are",
+        ),
+        (
+            {"sampled": {"count": 2}, "audio": {"sampled": 3}},
+            "audio.sampled must be at most sampled.count, 2, not 3",
+        ),
         ({"materials": {}}, "materials must hold 1 or more, not nothing"),
         (
             {"materials": {"a b": OWN}},

@@ -17,7 +17,7 @@ import make_products
 import vibraverse.dataset
 from vibraverse import products
 from vibraverse.config.dataset import Dataset
-from vibraverse.dataset import chain, making, schema, tables
+from vibraverse.dataset import chain, making, schema, tables, validator
 from vibraverse.dataset.splits import shard_of, split_of
 from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
@@ -52,15 +52,15 @@ def test_the_validator_notices_what_is_wrong(results, tmp_path):
         group["grids/occupancy"] = np.zeros((4, 4), np.float64)
         group["solid"].attrs["colour"] = "red"
     with h5py.File(broken) as h5:
-        found = "\n".join(schema.problems(h5))
+        found = "\n".join(f"{name}: {sentence}" for name, sentence in validator.problems(h5))
     assert "bar-0000: solid/materials/steel/frequencies_hz has the unit None, not 'Hz'" in found
     assert "bar-0000: the dataset has no field at 'extra'" in found
     assert "grids/occupancy has shape (4, 4), not (n, n, n)" in found
     assert "grids/occupancy is float64, not uint8" in found
     assert "no field at 'solid@colour'" in found
     with h5py.File(tmp_path / "other.h5", "w") as h5:
-        assert schema.problems(h5) == [
-            "this is not a shard: its attribute 'format' is not 'vibraverse-shard'"
+        assert validator.problems(h5) == [
+            ("", "this is not a shard: its attribute 'format' is not 'vibraverse-shard'")
         ]
 
 
@@ -116,7 +116,7 @@ def test_sounds_keep_all_24_bits(reader, results):
     np.testing.assert_array_equal(np.round(samples.astype(np.float64) * 2**31).astype(np.int64), stored)
     assert reader.read("sample_rate_hz", "bar-0000", "solid", "glass") == sample_rate_hz == 44_100
     assert reader.read("duration_s", "bar-0000", "solid", "glass") == len(stored) / 44_100
-    assert np.abs(samples).max() == pytest.approx(0.9, abs=1e-6)
+    assert np.abs(samples).max() == pytest.approx(10 ** (-1 / 20), abs=1e-6)
 
 
 def test_pictures_keep_their_bytes_and_come_decoded(reader, results):
@@ -148,6 +148,28 @@ def test_items_are_one_per_object_body_and_material(reader):
     np.testing.assert_array_equal(sample["frequencies_hz"], expected)
     assert sample["young_pa"] == 7.2e10
     assert len(list(reader)) == len(reader)
+
+
+def test_sampled_materials_are_read_like_any_other(reader, results):
+    assert {item["sampled"] for item in reader.items} == {3}
+    every = reader.where(solidity="solid").with_sampled()
+    assert len(every) == 2 * (4 + 3)
+    assert [item["material"] for item in every.items[4:7]] == ["sampled-0000", "sampled-0001", "sampled-0002"]
+    sample, item = every[5], every.items[5]
+    with h5py.File(results / "objects/ball-0000/solid/modes.h5") as modes:
+        stored = {key: array[1] for key, array in modes["sampled"].items()}
+    for key in ("frequencies_hz", "young_pa", "density_kg_m3", "poisson"):
+        np.testing.assert_array_equal(sample[key], stored[key])
+    omega = 2 * np.pi * stored["frequencies_hz"]
+    expected = 0.5 * (stored["alpha_per_s"] + stored["beta_s"] * omega**2)
+    assert sample["damping_per_s"] == pytest.approx(expected, rel=1e-12)
+    damped = reader.read("damped_frequencies_hz", "ball-0000", "solid", "sampled-0001")
+    assert damped == pytest.approx(np.sqrt(np.maximum(omega**2 - expected**2, 0)) / (2 * np.pi), rel=1e-12)
+    assert (item["f1_hz"], item["mass_kg"]) == (stored["frequencies_hz"][0], stored["mass_kg"])
+    assert (item["duration_s"], item["split"]) == (0.0, every.items[0]["split"])
+    for material, field in (("sampled-0003", "frequencies_hz"), ("sampled-0001", "mode_shapes")):
+        with pytest.raises(KeyError, match=f"holds no {field}"):
+            reader.read(field, "ball-0000", "solid", material)
 
 
 def test_narrowing(reader):
@@ -219,7 +241,7 @@ def test_provenance_names_what_the_shard_came_from(reader, results):
         text = h5.attrs["provenance"]
     stated = json.loads(text)
     assert stated["stage"] == "dataset"
-    assert stated["options"]["splits"] == {"train": 0.8, "validation": 0.1, "test": 0.1}
+    assert stated["options"]["materials"] == list(make_products.MATERIAL_NAMES)
     assert str(results) not in text
 
 

@@ -8,9 +8,10 @@ import pytest
 from meshes import box, distorted_box
 from vibraverse.physics.columns import residuals
 from vibraverse.physics.eigensolver import RIGID, count_below, solve
-from vibraverse.physics.elasticity import assemble, lame
+from vibraverse.physics.elasticity import assemble
 from vibraverse.physics.factorisation import factorise
 from vibraverse.physics.iterations import gap
+from vibraverse.physics.materials import lame
 from vibraverse.refusal import Refused
 from vibraverse.seeds import rng
 

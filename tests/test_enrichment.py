@@ -9,7 +9,8 @@ from meshes import box, distorted_box
 from vibraverse.physics import enrichment
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.eigensolver import solve
-from vibraverse.physics.elasticity import assemble, lame, rigid_modes
+from vibraverse.physics.elasticity import assemble, rigid_modes
+from vibraverse.physics.materials import lame
 from vibraverse.physics.modes import reduced_solve
 from vibraverse.seeds import rng
 

@@ -18,8 +18,9 @@ import pytest
 WORKFLOW = Path(__file__).resolve().parent.parent / "workflow"
 ENVS = WORKFLOW.parent / "envs"
 
-#: Modules a stage's code mentions without its job reaching them: the command's own reading of YAML, the PyTorch reader.
-NOT_ENTERED = ("vibraverse.config", "vibraverse.dataset.pytorch")
+#: Modules a stage's code mentions without its job reaching them: the command's own reading of YAML, the PyTorch
+#: reader, the validator.
+NOT_ENTERED = ("vibraverse.config", "vibraverse.dataset.pytorch", "vibraverse.dataset.validator")
 
 
 def source(module: str) -> Path | None:

@@ -161,6 +161,14 @@ def test_the_stage_draws_the_wall_by_the_objects_seed(run, ball):
     assert [path.read_bytes() for path in again] == [surface.read_bytes(), record.read_bytes()]
 
 
+def test_walls_are_drawn_evenly_from_the_whole_range():
+    drawn = np.sort([rng(f"object-{number:04d}", "hollow").uniform(0.3, 0.7) for number in range(2000)])
+    assert 0.3 <= drawn[0] < drawn[-1] < 0.7
+    # Kolmogorov's distance from the even distribution; 1.95 / sqrt(n) is exceeded once in a thousand.
+    even = 0.3 + 0.4 * (np.arange(2000) + 0.5) / 2000
+    assert np.abs(drawn - even).max() / 0.4 < 1.95 / np.sqrt(2000)
+
+
 def test_the_stage_refuses_a_thin_body(run):
     vertices, faces = shapes.box((1.8, 1.0, 0.01))
     surface, record = run(vertices, faces, Sampler(vertices, faces).signed_distance(32))

@@ -8,6 +8,8 @@ import pytest
 
 import make_products
 from vibraverse import products
+from vibraverse.dataset import schema, tables
+from vibraverse.dataset.parquet import write_parquet
 from vibraverse.paths import Paths
 
 
@@ -34,6 +36,18 @@ def test_one_row_per_object_body_and_material(paths):
     assert len({row["split"] for row in rows if row["object"] == "bar-0000"}) == 1
 
 
+def test_parquet_holds_the_same_rows_with_their_types_and_meanings(paths, tmp_path):
+    import pyarrow.parquet as pq
+
+    table = pq.read_table(paths.index_parquet)
+    with open(paths.index, encoding="utf-8") as file:
+        assert table.to_pylist() == tables.from_tsv(file.read(), schema.INDEX_COLUMNS)
+    assert str(table.schema.field("mass_kg").type) == "double"
+    assert table.schema.field("mass_kg").metadata == {b"description": b"mass of the body"}
+    write_parquet(tmp_path / "again", table.to_pylist(), schema.INDEX_COLUMNS)
+    assert products.sha256(tmp_path / "again") == products.sha256(paths.index_parquet)
+
+
 def test_refusals_have_reasons_and_advice(paths):
     rows = rows_of(paths.refusals)
     assert [(row["object"], row["solidity"], row["stage"], row["reason"]) for row in rows] == [
@@ -52,6 +66,7 @@ def test_the_record_counts(paths):
         "refused_bodies": 1,
         "sounds": 12,
         "items": 12,
+        "sampled": 9,
     }
     assert record["refusals_by_reason"] == {"not_a_solid": 1, "too_thin": 1}
     assert sum(record["objects_by_split"].values()) == 2
@@ -74,17 +89,18 @@ def test_the_record_holds_the_shards_checksums(paths):
 
 def test_order_of_the_shards_does_not_matter(paths, tmp_path):
     shards = [paths.at(paths.shard, shard=number) for number in ("1", "0")]
-    outputs = (
-        "--index",
-        tmp_path / "i.tsv",
-        "--refusals",
-        tmp_path / "r.tsv",
-        "--record",
-        tmp_path / "d.json",
-    )
-    make_products.call("index", "--shards", *shards, *outputs)
-    with open(paths.index, "rb") as first:
-        assert first.read() == (tmp_path / "i.tsv").read_bytes()
+    names = ("index", "splits", "refusals", "record", "card", "overview", "croissant", "parquet", "sums")
+    outputs = [(f"--{name}", tmp_path / name) for name in names]
+    make_products.call("index", "--shards", *shards, *sum(outputs, ()))
+    same = {
+        "index": paths.index,
+        "splits": paths.splits,
+        "overview": paths.overview,
+        "parquet": paths.index_parquet,
+    }
+    for name, path in same.items():
+        with open(path, "rb") as first:
+            assert first.read() == (tmp_path / name).read_bytes()
 
 
 def test_a_dataset_of_refusals_alone_is_indexed(tmp_path):

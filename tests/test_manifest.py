@@ -99,6 +99,21 @@ def test_tables_as_programs_write_them(folder, change, name):
     assert Plan(config(folder, change(TABLE), name)).objects == expected
 
 
+def test_an_unknown_category_is_one_sentence_where_the_known_ones_are_listed(folder):
+    known = ["vessel", "instrument"]
+    assert len(Plan(config(folder, categories=known)).objects) == 3
+    with pytest.raises(ConfigError) as error:
+        Plan(config(folder, TABLE.replace("vessel", "vesel"), categories=known))
+    assert (
+        "line 2, column category: unknown category 'vesel'; did you mean 'vessel'? (known: vessel, inst"
+        in str(error.value)
+    )
+    assert "\n" not in str(error.value)
+    assert len(Plan(config(folder, TABLE.replace("vessel", "vesel"))).objects) == 3
+    with pytest.raises(ConfigError, match=r"sources\.files\[0\]\.category: unknown category 'bell'"):
+        Plan(config(folder, categories=known, category="bell"))
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from meshes import box
-from vibraverse.config.physics import MaterialModes
+from vibraverse.config.physics import MaterialModes, Sampled
 from vibraverse.physics.basis import build_basis
-from vibraverse.physics.materials import MATERIALS
-from vibraverse.physics.modes import rayleigh_damping, solve_material
+from vibraverse.physics.damping import rayleigh_damping
+from vibraverse.physics.materials import MATERIALS, sampled
+from vibraverse.physics.modes import solve_material
 from vibraverse.refusal import Refusal, read_refusal
 from vibraverse.seeds import rng
 from vibraverse.stages.modes import object_size
@@ -61,7 +62,7 @@ def chain(tmp_path, vibraverse):
     write_tets(tmp_path / "tets.msh", *box((1.8, 1.2, 0.7), (3, 2, 2)))
     (tmp_path / "clean.json").write_text('{"size_m": 0.09}')
 
-    def run(materials, size_m=None, corrected=True):
+    def run(materials, size_m=None, corrected=True, **more):
         body = ("--object", "brick", "--solidity", "solid")
         status, _, err = vibraverse(
             "basis", *body, "--tets", tmp_path / "tets.msh", "--basis", tmp_path / "basis.h5",
@@ -71,7 +72,7 @@ def chain(tmp_path, vibraverse):
         status, _, err = vibraverse(
             "modes", *body, "--basis", tmp_path / "basis.h5", "--tets", tmp_path / "tets.msh",
             "--clean-record", tmp_path / "clean.json", "--modes", tmp_path / "modes.h5", "--options",
-            json.dumps({"materials": materials, "modes": 12, "size_m": size_m, "corrected": corrected}),
+            json.dumps({"materials": materials, "modes": 12, "size_m": size_m, "corrected": corrected, **more}),
         )  # fmt: skip
         return status, err
 
@@ -123,6 +124,62 @@ def test_a_material_out_of_range_is_solved_on_the_mesh(chain):
         # The corrections belong to other ν there, so only what the mesh itself says can be compared closely.
         assert (found["frequencies_hz"][()] < expected).all()
         assert found["frequencies_hz"][()] == pytest.approx(expected, rel=0.1)
+
+
+def test_sampled_materials_stay_when_more_are_drawn():
+    ranges = Sampled().ranges()
+    few, many = (sampled("cup-0000", 0, count, ranges) for count in (5, 4000))
+    for name, (low, high) in ranges.items():
+        np.testing.assert_array_equal(many[name][:5], few[name])
+        assert low <= many[name].min() < many[name].max() <= high
+        scale = (lambda x: x) if name == "poisson" else np.log
+        # Even between the ends: the mean of 4,000 lies within four standard errors of the middle.
+        place = (scale(many[name]) - scale(low)) / (scale(high) - scale(low))
+        assert abs(place.mean() - 0.5) < 4 / np.sqrt(12 * 4000)
+    parameters = np.stack(list(many.values()))
+    assert np.abs(np.corrcoef(parameters) - np.eye(5)).max() < 0.1
+    assert (sampled("cup-0001", 0, 5, ranges)["young_pa"] != few["young_pa"]).all()
+    assert (sampled("cup-0000", 1, 5, ranges)["young_pa"] != few["young_pa"]).all()
+    # Fixed for ever, on every machine.
+    assert few["young_pa"][0] == pytest.approx(PINNED_YOUNG_PA, rel=1e-12)
+
+
+PINNED_YOUNG_PA = 4236078362.579333
+
+
+def test_sampled_materials_of_a_body(chain, vibraverse):
+    """Each is what the same numbers under a name of their own give; sounds on request."""
+    import h5py
+    import soundfile
+
+    assert chain({"tin": MATERIALS["tin"]}, sampled={"count": 4})[0] == 0
+    with h5py.File(chain.folder / "modes.h5") as h5:
+        found = {key: (array[()], array.attrs["unit"]) for key, array in h5["sampled"].items()}
+        assert {unit for _, unit in found.values()} == {"1", "Hz", "Pa", "kg", "kg/m³", "1/s", "s"}
+    own = {key: float(found[key][0][2]) for key in MATERIALS["tin"]}
+    files = [chain.folder / name for name in ("sampled-0002.wav", "own.wav")]
+    assert chain({"own": own}, sampled={"count": 3})[0] == 0
+    with h5py.File(chain.folder / "modes.h5") as h5:
+        named = h5["materials/own"]
+        assert found["frequencies_hz"][0].shape == (4, 12)
+        np.testing.assert_array_equal(found["frequencies_hz"][0][2], named["frequencies_hz"])
+        np.testing.assert_array_equal(found["frequencies_hz"][0][:3], h5["sampled/frequencies_hz"])
+        assert found["mass_kg"][0][2] == named.attrs["mass_kg"]
+        assert found["relative_error"][0][2] == pytest.approx(named["relative_error"][()], rel=1e-6)
+    status, _, err = vibraverse(
+        "audio", "--object", "brick", "--solidity", "solid", "--modes", chain.folder / "modes.h5",
+        "--sounds", *files, "--record", chain.folder / "audio.json",
+    )  # fmt: skip
+    assert status == 0, err
+    assert soundfile.read(files[0])[0] == pytest.approx(soundfile.read(files[1])[0], abs=2e-7)
+    for name, words in (("sampled-0003", "unknown material"), ("sampled-0002-p0", "no sampled material has")):
+        status, _, err = vibraverse(
+            "audio", "--object", "brick", "--solidity", "solid", "--modes", chain.folder / "modes.h5",
+            "--sounds", chain.folder / f"{name}.wav", "--record", chain.folder / "audio.json",
+            "--options", json.dumps({"points": [[0, 0, 0.9]]}),
+        )  # fmt: skip
+        assert status == 2
+        assert words in err
 
 
 def test_uncorrected_frequencies_are_those_of_the_mesh(chain):

@@ -13,7 +13,7 @@ from meshes import box
 from vibraverse import products
 from vibraverse.dataset.tables import from_tsv
 from vibraverse.geometry import surfaces
-from vibraverse.physics.elasticity import lame
+from vibraverse.physics.materials import lame
 from vibraverse.refusal import Refusal
 from vibraverse.report import render
 from vibraverse.validation import spectra, table

@@ -113,6 +113,13 @@ def test_a_new_object_runs_alone(changed):
     ("section", "key", "value", "expected"),
     [
         ("dataset", "max_refused_share", 0.25, {"verdict": 1, "all": 1}),
+        (
+            "dataset",
+            "stratify",
+            "origin",
+            {name: count for name, count in LATER.items() if name != "dataset"},
+        ),
+        ("sampled", "count", 5, {"modes": 2, "audio": 2, **LATER}),
         ("report", "title", "Bells", {"report": 1, "verdict": 1, "all": 1}),
         ("audio", "decay_db", 40.0, {"audio": 2, **LATER}),
         ("images", "size_px", 96, {"images": 1, **LATER}),

@@ -58,3 +58,22 @@ def test_splits_and_transforms(folder):
     doubled = vibraverse.dataset.torch_dataset(folder, transform=lambda item: 2 * item["frequencies_hz"])
     plain = vibraverse.dataset.torch_dataset(folder)
     assert torch.equal(doubled[3], 2 * plain[3]["frequencies_hz"])
+
+
+def test_fresh_materials_are_the_same_for_any_workers_and_new_in_every_epoch(folder):
+    fields = ["frequencies_hz", "young_pa", "size_m"]
+    data = vibraverse.dataset.torch_dataset(folder, fields=fields, fresh={"seed": 5})
+    assert len(data) == 3
+    epochs = {}
+    for workers in (0, 2):
+        loader = torch.utils.data.DataLoader(
+            data, batch_size=1, num_workers=workers, persistent_workers=workers > 0
+        )
+        for epoch in range(3):
+            data.set_epoch(epoch)
+            epochs[workers, epoch] = torch.cat([batch["frequencies_hz"] for batch in loader])
+            assert epochs[workers, epoch].shape[0] == 3
+    for epoch in range(3):
+        assert torch.equal(epochs[0, epoch], epochs[2, epoch])
+    assert not torch.equal(epochs[0, 0], epochs[0, 1])
+    assert not torch.equal(epochs[0, 1], epochs[0, 2])

@@ -6,6 +6,7 @@ from vibraverse.config import ConfigError
 from vibraverse.containers import image
 from vibraverse.guard import only_run
 from vibraverse.plan import Plan
+from vibraverse.products import text_sha256
 from vibraverse.resources import memory, minutes
 from vibraverse.stages import VERSIONS
 

@@ -9,6 +9,7 @@ if in_containers and workflow.is_main_process:
 
 
 onstart:
+    preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = list(workflow.dag.needrun_jobs())
     if in_containers:
         preflight.stop_without(

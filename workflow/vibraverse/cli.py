@@ -40,7 +40,13 @@ COMMANDS = {
     "strike": "hear a mesh: from a file to its impact sound in one go",
     "objects": "list the objects a configuration names",
     "materials": "list the known materials",
+    "export": "write the dataset as WebDataset tars or for Hugging Face datasets",
     "config": "check a configuration, or print its JSON schema",
+    "check": "say whether a dataset is whole, to the last byte, and agrees with itself",
+    "status": "say how far a run is, and how long the rest takes",
+    "provenance": "trace a product back to its source, with versions and commands",
+    "join": "show several datasets as one, without copying them",
+    "repair": "say which products must be made again, and delete them so that they are",
     "refusals": "list refused objects by reason, or make them run again",
     "validation": "show how near the frequencies of known bodies are",
 }

@@ -7,11 +7,20 @@ that text as a parameter of the job, so a change reruns exactly what depends on 
 from __future__ import annotations
 
 import json
+from pathlib import Path
 
-from vibraverse.config import Config, parse
+from vibraverse.config import Config, ConfigError, parse
 from vibraverse.dataset.splits import shard_of
 from vibraverse.paths import Paths
 from vibraverse.sources.catalogue import Entry, catalogue
+
+#: What a dataset does not depend on: where things lie, and what is made of it.
+_NOT_RECORDED = {
+    "results": True,
+    "sources": {"objaverse": {"cache"}},
+    "dataset": {"max_refused_share"},
+    "report": True,
+}
 
 
 class Plan:
@@ -19,6 +28,9 @@ class Plan:
 
     def __init__(self, values: dict | Config):
         self.config = values if isinstance(values, Config) else parse(values)
+        kept = self.config.dataset.keep_splits
+        if kept and not Path(kept).expanduser().is_file():
+            raise ConfigError(f"dataset.keep_splits: the file {kept} does not exist")
         self.paths = Paths(self.config.results)
         self.objects: dict[str, Entry] = catalogue(self.config)
         self.shards: dict[str, list[str]] = {}
@@ -38,6 +50,7 @@ class Plan:
             values = {
                 **config.modes.model_dump(),
                 "materials": {name: m.model_dump() for name, m in config.materials.items()},
+                "sampled": config.sampled.model_dump(),
                 "modes": config.basis.modes,
                 "size_m": self.objects[object_].size_m,
                 "size_origin": self.objects[object_].size_origin,
@@ -50,11 +63,19 @@ class Plan:
                 "materials": list(config.materials),
                 "solidities": config.solidities,
                 "looks": config.images.looks,
-                "splits": config.dataset.splits,
             }
+        elif stage == "index":
+            values = config.dataset.model_dump(include={"splits", "stratify", "card"})
         else:
             values = getattr(config, stage).model_dump(mode="json")
         return json.dumps(values, ensure_ascii=False)
+
+    def configuration(self) -> str:
+        """Return the configuration with every default filled in, as YAML: all of it that the dataset depends on."""
+        import yaml
+
+        values = self.config.model_dump(mode="json", exclude=_NOT_RECORDED)
+        return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
     def modes_class(self) -> str:
         """Return the resource class of stage ``modes``: heavy where a material must be solved on the mesh."""

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from vibraverse import containers
+from vibraverse import containers, products
 
 
 class NotThere(Exception):
@@ -27,6 +27,14 @@ def stop_without(check, *arguments) -> None:
     except NotThere as missing:
         print(f"vibraverse: {missing}", file=sys.stderr)
         sys.exit(2)
+
+
+def configuration(path: str, text: str) -> None:
+    """Write the resolved configuration, the run's first file."""
+    try:
+        products.write_text(path, text)
+    except OSError as error:
+        raise NotThere(products.not_stored(error, path) or str(error)) from None
 
 
 def apptainer() -> None:

@@ -2,19 +2,49 @@
 
 from __future__ import annotations
 
+import errno
 import glob
 import hashlib
 import importlib.metadata
 import json
 import os
+import re
 from contextlib import contextmanager
 from pathlib import Path
+
+#: What the system says when it cannot store a file: remedies by errno.
+_NO_ROOM = {
+    errno.ENOSPC: "free some space",
+    errno.EDQUOT: "free some space, or ask for a larger quota",
+    errno.EROFS: "make it writable, or choose another results folder",
+    errno.EACCES: "make it writable, or choose another results folder",
+    errno.EPERM: "make it writable, or choose another results folder",
+}
+
+
+def not_stored(error: BaseException, path: str | Path) -> str:
+    """Return one sentence when ``error`` says that ``path`` cannot be stored there, and what to do; else nothing.
+
+    Libraries hide the system's error in a text: HDF5 writes ``errno = 28`` into its own.
+    """
+    number = error.errno if isinstance(error, OSError) else None
+    if number is None:
+        hidden = re.search(r"errno = (\d+)", str(error))
+        number = int(hidden[1]) if hidden else None
+    if number not in _NO_ROOM:
+        return ""
+    return f"{path} cannot be written: {os.strerror(number)}; {_NO_ROOM[number]}, then repeat the command."
 
 
 def sha256(path: str | Path) -> str:
     """Return the hexadecimal SHA-256 of a file's bytes."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def text_sha256(text: str) -> str:
+    """Return the hexadecimal SHA-256 of a text in UTF-8."""
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def aside(path: str | Path) -> Path:
@@ -87,6 +117,20 @@ def library_versions(names) -> dict[str, str]:
 def write_provenance(h5, provenance: dict) -> None:
     """Store the provenance of a product as one JSON attribute of an open HDF5 file."""
     h5.attrs["provenance"] = json.dumps(provenance, ensure_ascii=False, default=_plain)
+
+
+def read_provenance(path: str | Path) -> dict:
+    """Return the provenance that a product states: a JSON record's, or an HDF5 file's.
+
+    Raises :class:`OSError`, :class:`ValueError` or :class:`LookupError` where it states none.
+    """
+    path = Path(path)
+    if path.suffix == ".json":
+        return read_json(path)["provenance"]
+    import h5py
+
+    with h5py.File(path) as file:
+        return json.loads(file.attrs["provenance"])
 
 
 def read_json(path: str | Path):

@@ -80,6 +80,15 @@ class Refusal:
         return short.to_text()
 
 
+def is_refusal(path: str | Path) -> bool:
+    """Whether a refusal stands at ``path``, and neither a product nor nothing."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(_MARK)) == _MARK.encode()
+    except (FileNotFoundError, IsADirectoryError, PermissionError):
+        return False
+
+
 def read_refusal(path: str | Path) -> Refusal | None:
     """Return the refusal stored at ``path``, or None when it holds a real product (or nothing)."""
     try:

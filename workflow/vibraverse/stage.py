@@ -8,6 +8,7 @@ the products would have been.
 
 from __future__ import annotations
 
+import os
 import shlex
 import sys
 import time
@@ -71,15 +72,13 @@ class Job:
     threads: int = 1
     outputs: dict[str, Path | list[Path]] = field(default_factory=dict)
 
-    def provenance(self) -> dict:
-        """Return versions, options and input checksums, the same for the same inputs."""
+    def provenance(self, *written: str) -> dict:
+        """Return versions, options and checksums, the same for the same inputs.
+
+        ``written`` names the outputs that are complete, besides the one that will hold this; their checksums are in it.
+        """
         versions = products.library_versions(self.stage.libraries)
-        inputs = {}
-        for name, value in self.inputs.items():
-            if isinstance(value, list):
-                inputs[name] = {path.name: products.sha256(path) for path in value}
-            elif value is not None:
-                inputs[name] = products.sha256(value)
+        outputs = {"output_sha256": _checksums(self.outputs, self.final, written)} if written else {}
         return {
             "stage": self.stage.name,
             "stage_version": self.stage.version,
@@ -88,12 +87,33 @@ class Job:
             "object": self.object,
             "solidity": self.solidity,
             "options": self.options.model_dump(mode="json") if self.options else {},
-            "input_sha256": inputs,
+            "input_sha256": _checksums(self.inputs, self.inputs, self.inputs),
+            **outputs,
         }
 
     def write_record(self, content: dict, output: str = "record") -> None:
         """Write the stage's JSON record: its findings, then its provenance."""
-        products.write_json(self.outputs[output], {**content, "provenance": self.provenance()})
+        written = [name for name in self.outputs if name != output and _all_there(self.outputs[name])]
+        products.write_json(self.outputs[output], {**content, "provenance": self.provenance(*written)})
+
+
+Files = dict[str, Path | list[Path]]
+
+
+def _checksums(files: Files, called: Files, names) -> dict:
+    """Return the SHA-256 of files by argument; of several, by the names that they are ``called``."""
+    found = {}
+    for name in names:
+        if isinstance(files[name], list):
+            pairs = zip(called[name], files[name], strict=True)
+            found[name] = {final.name: products.sha256(path) for final, path in pairs}
+        elif files[name] is not None:
+            found[name] = products.sha256(files[name])
+    return found
+
+
+def _all_there(paths: Path | list[Path]) -> bool:
+    return all(path.is_file() for path in (paths if isinstance(paths, list) else [paths]))
 
 
 def _flat(paths: dict[str, Path | list[Path]]) -> list[Path]:
@@ -124,6 +144,25 @@ def run(job: Job, command: list[str]) -> int:
                 _write_refusal(job, refusal)
                 return 0
     started = time.perf_counter()
+    try:
+        refused = _make(job)
+    except Exception as error:
+        said = _not_stored(job, error)
+        if not said:
+            raise
+        print(f"{job.stage.name}: {said}", file=sys.stderr, flush=True)
+        os._exit(1)  # HDF5 crashes at a process's end over what it could not write
+    if refused:
+        return 0
+    seconds = time.perf_counter() - started
+    for path in _flat(job.final)[:8]:
+        print(f"wrote {path}", file=sys.stderr)
+    print(f"{job.stage.name}: done in {seconds:.1f} s", file=sys.stderr)
+    return 0
+
+
+def _make(job: Job) -> bool:
+    """Make the products, or put a refusal in their place; return whether it was refused."""
     for path in _flat(job.final):
         path.parent.mkdir(parents=True, exist_ok=True)
         products.remove_partials(path)
@@ -142,12 +181,20 @@ def run(job: Job, command: list[str]) -> int:
                 job.object, job.stage.name, refused.reason, refused.message, refused.advice, job.solidity
             ),
         )
-        return 0
+        return True
     finally:
         for partial in _flat(job.outputs):
             partial.unlink(missing_ok=True)
-    seconds = time.perf_counter() - started
-    for path in _flat(job.final)[:8]:
-        print(f"wrote {path}", file=sys.stderr)
-    print(f"{job.stage.name}: done in {seconds:.1f} s", file=sys.stderr)
-    return 0
+    return False
+
+
+def _not_stored(job: Job, error: Exception) -> str:
+    """Return the sentence for an error that means that the products cannot be stored; empty for any other."""
+    finals = _flat(job.final)
+    if isinstance(error, PermissionError):  # which may as well mean an input
+        where = str(error.filename)
+        if where not in map(str, _flat(job.outputs)) and not any(
+            path.is_relative_to(where) for path in finals
+        ):
+            return ""
+    return products.not_stored(error, finals[0])

@@ -53,9 +53,22 @@ def shards(plan: Plan) -> list[str]:
     return [plan.paths.at(plan.paths.shard, shard=shard) for shard in sorted(plan.shards)]
 
 
+def kept_splits(plan: Plan) -> list[str]:
+    """Return the splits of an earlier dataset, where they are to be kept."""
+    kept = plan.config.dataset.keep_splits
+    return [os.path.expanduser(kept)] if kept else []
+
+
+def kept_splits_argument(plan: Plan) -> str:
+    """Return how the stage ``index`` is told of them, for the shell."""
+    return " ".join(f"--kept={quote(path)}" for path in kept_splits(plan))
+
+
 def everything(plan: Plan) -> list[str]:
     """Return what a run makes in the end."""
-    return [plan.paths.report, plan.paths.verdict]
+    paths = plan.paths
+    # Others than the first two because results of before they were made would never get them else.
+    return [paths.report, paths.verdict, paths.dataset_config, paths.dataset_sums, paths.index_parquet]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:

@@ -8,10 +8,12 @@ from pathlib import Path
 
 from vibraverse import products
 from vibraverse.cli import UsageError
+from vibraverse.commands import share
 from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.tables import from_tsv
 from vibraverse.paths import SOLIDITIES, Paths
+from vibraverse.rebuild import last_products, shards_of
 from vibraverse.refusal import REASONS, read_refusal
 
 #: Refusals of one reason that a listing shows.
@@ -45,7 +47,7 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument(
         "--check",
-        type=_share,
+        type=share,
         metavar="SHARE",
         help="exit 1 when more than this share of the objects is refused",
     )
@@ -159,21 +161,13 @@ def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
                 path.unlink()
                 deleted += 1
                 touched.add(object_id)
+    for path in last_products(paths, shards_of(paths, touched)) if touched else ():
+        path.unlink()
     if touched:
         print(f"Deleted {deleted} refused products of {len(touched)} objects; the next run makes them again.")
     else:
         print("Nothing to retry.")
     return 0
-
-
-def _share(text: str) -> float:
-    try:
-        share = float(text)
-    except ValueError:
-        share = -1.0
-    if not 0 <= share <= 1:
-        raise argparse.ArgumentTypeError(f"a share lies between 0 and 1, not {text!r}")
-    return share
 
 
 def _known(name: str, known: list[str], kind: str) -> None:

@@ -6,15 +6,15 @@ import difflib
 import json
 from pathlib import Path
 
-from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
 
 from vibraverse.config.base import Section
 from vibraverse.config.dataset import Dataset, Report
 from vibraverse.config.geometry import Clean, Grids, Hollow, Tets
 from vibraverse.config.media import Audio, Images
-from vibraverse.config.physics import Basis, Material, Modes
+from vibraverse.config.physics import Basis, Material, Modes, Sampled
 from vibraverse.config.sources import Sources
-from vibraverse.physics.materials import MATERIALS
+from vibraverse.physics.materials import MATERIALS, sampled_number
 
 
 class ConfigError(ValueError):
@@ -36,6 +36,9 @@ class Config(Section):
         validate_default=True,
     )
     """Materials by name: one of the table (leave the value empty) or your own with all five numbers."""
+
+    sampled: Sampled = Sampled()
+    """Materials drawn at random."""
 
     solidities: list[str] = Field(default_factory=lambda: ["solid", "hollow"], min_length=1)
     """Bodies made of every object: ``solid``, ``hollow`` or both."""
@@ -78,6 +81,8 @@ class Config(Section):
                 raise ValueError(unknown("material", name, MATERIALS))
             if not name.replace("-", "").replace("_", "").isalnum():
                 raise ValueError(f"the material name {name!r} may hold only letters, digits, '-' and '_'")
+            if sampled_number(name) is not None:
+                raise ValueError(f"the name {name!r} is kept for a sampled material")
         return {name: values or Material(**MATERIALS[name]) for name, values in materials.items()}
 
     @field_validator("solidities")
@@ -87,6 +92,20 @@ class Config(Section):
             if name not in ("solid", "hollow"):
                 raise ValueError(unknown("solidity", name, ("solid", "hollow")))
         return list(dict.fromkeys(solidities))
+
+    @model_validator(mode="after")
+    def _sampled_fits(self):
+        (low, high), (lowest, highest) = self.sampled.poisson, self.basis.poisson_range
+        if self.sampled.count and not lowest <= low <= high <= highest:
+            raise ValueError(
+                f"sampled.poisson ({low:g} to {high:g}) must lie in basis.poisson_range ({lowest:g} to {highest:g}): "
+                "sampled materials are never solved on the mesh"
+            )
+        if self.audio.sampled > self.sampled.count:
+            raise ValueError(
+                f"audio.sampled must be at most sampled.count, {self.sampled.count}, not {self.audio.sampled}"
+            )
+        return self
 
 
 def unknown(kind: str, name: str, known) -> str:
@@ -165,7 +184,7 @@ def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
         known = _fields_at(model, error["loc"][:-1])
         return f"unknown key {key!r}; " + unknown("key", error["loc"][-1], known).split("; ", 1)[-1]
     if error["type"] == "value_error":
-        return f"{key}: {error['ctx']['error']}"
+        return f"{key}: {error['ctx']['error']}" if key else str(error["ctx"]["error"])
     if error["type"] == "missing":
         return f"{key} is missing"
     if error["type"] == "invalid_key":

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field, field_validator
 
 from vibraverse.config.base import Section
@@ -18,6 +20,31 @@ def _shares_add_up(splits: dict[str, float]) -> dict[str, float]:
     return splits
 
 
+class Card(Section):
+    """What the dataset's card says of itself; the rest is counted."""
+
+    name: str = Field("VibraVerse dataset", min_length=1)
+    """Name of the dataset."""
+
+    description: str = "Shapes, materials, vibration modes, impact sounds and pictures that agree by physics."
+    """What it is, in a sentence or two."""
+
+    creators: list[str] = Field(default_factory=lambda: ["VibraVerse"], min_length=1)
+    """Who made it."""
+
+    version: str = "1.0.0"
+    """Version of the dataset."""
+
+    url: str | None = None
+    """Where it can be had; say it before publishing."""
+
+    published: str | None = Field(None, pattern=r"^\d{4}-\d{2}-\d{2}$")
+    """Date of publication, YYYY-MM-DD; say it before publishing, since no stage looks at the clock."""
+
+    licence: str | None = None
+    """Licence of the whole; without it the sources' licences are listed."""
+
+
 class Dataset(Section):
     """HDF5 shards, index and splits."""
 
@@ -25,7 +52,16 @@ class Dataset(Section):
     """Number of HDF5 files; an object's shard is a stable hash of its id. Changing it rewrites all."""
 
     splits: dict[str, float] = Field(default_factory=lambda: {"train": 0.8, "validation": 0.1, "test": 0.1})
-    """Share of the objects in each split; an object's split is a stable hash of its id."""
+    """Share of the objects in each split; an object's split is a stable hash of its id, or that of its original."""
+
+    stratify: Literal["none", "origin", "category"] = "none"
+    """Whether each origin, or each category, is divided in these shares too; then a growing set moves a few objects."""
+
+    keep_splits: str | None = None
+    """A ``splits.tsv`` of an earlier dataset: what it lists stays where it is, whatever else changes."""
+
+    card: Card = Card()
+    """What the card and the Croissant metadata say of the whole."""
 
     max_refused_share: float = Field(0.5, ge=0, le=1)
     """The run fails when a larger share of the objects is refused."""
@@ -54,8 +90,18 @@ class ShardOptions(Section):
     looks: list[str] = Field(default_factory=list)
     """Looks of the pictures to pack."""
 
+
+class IndexOptions(Section):
+    """What the index decides and says: the splits and the card."""
+
     splits: dict[str, float] = Field(default_factory=lambda: Dataset().splits)
     """Share of the objects in each split."""
+
+    stratify: Literal["none", "origin", "category"] = "none"
+    """Column of the index whose every value is divided in these shares, if any."""
+
+    card: Card = Card()
+    """What the card says of the whole."""
 
     @field_validator("splits")
     @classmethod

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, PositiveFloat
+from pydantic import Field, NonNegativeInt, PositiveFloat
 
 from vibraverse.config.base import Section
+from vibraverse.physics.materials import sampled_name
 
 
 class Audio(Section):
@@ -28,10 +29,14 @@ class Audio(Section):
     """Struck points in normalised coordinates; for each, one more sound per material. Empty: only the
     location-invariant sound."""
 
+    sampled: NonNegativeInt = 0
+    """How many of the sampled materials also get a sound, location-invariant, the first ones."""
+
     def names(self, materials) -> list[str]:
         """Return the sounds of a body, by the stems of their files: ``ceramic``, ``ceramic-p0``, …"""
         struck = ["", *(f"-p{index}" for index in range(len(self.points)))]
-        return [f"{material}{suffix}" for material in materials for suffix in struck]
+        named = [f"{material}{suffix}" for material in materials for suffix in struck]
+        return named + [sampled_name(number) for number in range(self.sampled)]
 
 
 def split_sound(name: str, materials) -> tuple[str | None, int | None]:

@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, PositiveFloat, PositiveInt, field_validator
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
 
 from vibraverse.config.base import Section
 
 #: Poisson's ratio of a stable isotropic solid that is not incompressible.
 Poisson = Annotated[float, Field(gt=-1.0, lt=0.5)]
+
+
+def ascending(value: tuple[float, float]) -> tuple[float, float]:
+    """Return a range as it is; raise :class:`ValueError` where its ends are the wrong way round."""
+    if value[0] > value[1]:
+        raise ValueError(f"must ascend, not fall from {value[0]:g} to {value[1]:g}")
+    return value
 
 
 class Material(Section):
@@ -29,6 +36,44 @@ class Material(Section):
 
     beta_s: float = Field(ge=0)
     """Stiffness-proportional damping in s."""
+
+
+class Sampled(Section):
+    """Materials drawn at random for every object, beside the named ones; both bodies of an object share them.
+
+    A material is drawn by the object's id, ``seed`` and its number, so a higher count keeps the earlier ones. Poisson's
+    ratio is drawn evenly, everything else evenly in its logarithm.
+    """
+
+    count: int = Field(0, ge=0, le=10_000)
+    """How many materials for every object; they are named ``sampled-0000``, ``sampled-0001``, …"""
+
+    seed: NonNegativeInt = 0
+    """Another seed draws other materials."""
+
+    density_kg_m3: tuple[PositiveFloat, PositiveFloat] = (500.0, 10_000.0)
+    """Range of the density in kg/m³."""
+
+    young_pa: tuple[PositiveFloat, PositiveFloat] = (5e8, 5e11)
+    """Range of Young's modulus in Pa."""
+
+    poisson: tuple[Poisson, Poisson] = (0.1, 0.4)
+    """Range of Poisson's ratio, inside ``basis.poisson_range``: these materials are never solved on the mesh."""
+
+    alpha_per_s: tuple[PositiveFloat, PositiveFloat] = (0.5, 60.0)
+    """Range of the mass-proportional damping in 1/s; the default is that of the table of materials."""
+
+    beta_s: tuple[PositiveFloat, PositiveFloat] = (3e-8, 2e-6)
+    """Range of the stiffness-proportional damping in s; the default is that of the table of materials."""
+
+    @field_validator("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
+    @classmethod
+    def _ascending(cls, value: tuple[float, float]) -> tuple[float, float]:
+        return ascending(value)
+
+    def ranges(self) -> dict[str, tuple[float, float]]:
+        """Return the range of every parameter."""
+        return self.model_dump(exclude={"count", "seed"})
 
 
 class Basis(Section):
@@ -61,9 +106,7 @@ class Basis(Section):
     @field_validator("poisson_range")
     @classmethod
     def _ascending(cls, value: tuple[float, float]) -> tuple[float, float]:
-        if value[0] > value[1]:
-            raise ValueError(f"must ascend, not fall from {value[0]:g} to {value[1]:g}")
-        return value
+        return ascending(value)
 
 
 class Modes(Section):
@@ -84,6 +127,9 @@ class MaterialModes(Modes):
 
     materials: dict[str, Material]
     """Materials by name."""
+
+    sampled: Sampled = Sampled()
+    """Materials drawn at random."""
 
     size_m: PositiveFloat | None = None
     """Longest side of the bounding box in metres; without it the size the source states, else the default."""

@@ -36,6 +36,9 @@ class Files(Section):
     category: str | None = None
     """What kind of thing these files show, unless a row says it; kept in every record."""
 
+    categories: list[str] = Field(default_factory=list)
+    """The categories there are: a manifest's row, or ``category``, that says another one is a mistake. Empty: any."""
+
     licence: str = "unknown"
     """Licence that holds for these files, unless a row states one; kept in every record."""
 

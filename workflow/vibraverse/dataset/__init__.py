@@ -11,25 +11,43 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from vibraverse.dataset.fresh import FreshItems
     from vibraverse.dataset.reader import Reader
 
 
 def open(path, fields=None, look: str = "clay") -> Reader:
-    """Open a dataset's folder (``results/dataset``) or one shard; see :class:`~vibraverse.dataset.reader.Reader`.
+    """Open a dataset's folder (``results/dataset``), one shard, or a view of several datasets (``vibraverse join``).
 
+    Returns a :class:`~vibraverse.dataset.reader.Reader`.
     ``fields`` names what a sample holds (see ``docs/dataset.md``; ``look`` chooses its pictures).
     """
-    from vibraverse.dataset.reader import DEFAULT_FIELDS, Reader, shards_at
+    from vibraverse.dataset.reader import DEFAULT_FIELDS, Reader, shards_at, splits_at
 
-    return Reader(shards_at(path), fields or DEFAULT_FIELDS, look)
+    return Reader(shards_at(path), fields or DEFAULT_FIELDS, look, splits_at(path))
 
 
-def torch_dataset(path, fields=None, look: str = "clay", transform=None, **conditions):
+def fresh_materials(
+    path, fields=None, look: str = "clay", settings: dict | None = None, **conditions
+) -> FreshItems:
+    """Return the bodies of a dataset with materials and sizes drawn anew in every epoch, and exact labels.
+
+    ``settings`` are the arguments of :class:`~vibraverse.dataset.fresh.FreshItems` (``ranges``, ``size_m``, ``seed``,
+    ``bases``), ``conditions`` columns of the index. Needs SciPy beside NumPy and h5py.
+    """
+    from vibraverse.dataset.fresh import FreshItems
+
+    return FreshItems(open(path, fields, look).where(**conditions), **(settings or {}))
+
+
+def torch_dataset(
+    path, fields=None, look: str = "clay", transform=None, fresh: dict | bool = False, **conditions
+):
     """Return a ``torch.utils.data.Dataset`` of a dataset's folder or of one shard.
 
     An item is a dictionary: arrays become tensors, texts stay texts. ``conditions`` narrow the items by columns of
     the index: ``torch_dataset("results/dataset", fields=["frequencies_hz", "views"], split="train")``.
-    ``transform`` is applied to every item. Needs torch, which nothing else of the dataset does.
+    ``transform`` is applied to every item. ``fresh`` (True, or the settings of :func:`fresh_materials`) draws material
+    and size of every item anew after each ``set_epoch``. Needs torch, which nothing else of the dataset does.
     """
     try:
         from vibraverse.dataset.pytorch import TorchDataset
@@ -41,4 +59,7 @@ def torch_dataset(path, fields=None, look: str = "clay", transform=None, **condi
             "`make learn` makes; vibraverse.dataset.open reads everything without it",
             name="torch",
         ) from None
-    return TorchDataset(open(path, fields, look).where(**conditions), transform)
+    if fresh is False:
+        return TorchDataset(open(path, fields, look).where(**conditions), transform)
+    settings = {} if fresh is True else fresh
+    return TorchDataset(fresh_materials(path, fields, look, settings, **conditions), transform)

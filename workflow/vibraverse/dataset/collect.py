@@ -15,10 +15,14 @@ import h5py
 import soundfile
 
 from vibraverse import products
+from vibraverse.basisfile import read_basis
 from vibraverse.config.media import split_sound
 from vibraverse.dataset.chain import OBJECT_CHAIN, body_chain
+from vibraverse.dataset.copies import scale_free_spectrum
+from vibraverse.geometry.moments import scale_free_moments
 from vibraverse.meshfiles import read_mesh, read_ply
 from vibraverse.paths import Paths
+from vibraverse.physics.materials import sampled_number
 from vibraverse.tetfiles import read_tets
 
 Pairs = Iterator[tuple[str, Any]]
@@ -35,7 +39,9 @@ def object_fields(paths: Paths, object_id: str, looks) -> Pairs:
         yield f"@{key}", source.get(key) or ""
     yield "source", _text(source)
     yield "clean", _text(products.read_json(at(paths.clean_record)))
-    yield from _surface("surface", at(paths.surface))
+    surface = dict(_surface("surface", at(paths.surface)))
+    yield from surface.items()
+    yield "shape/moments", scale_free_moments(*surface.values())
     yield from _surface("coarse", at(paths.coarse))
     with h5py.File(at(paths.grids)) as grids:
         for name in ("occupancy", "signed_distance"):
@@ -65,6 +71,8 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
 
     with h5py.File(at(paths.basis)) as basis:
         yield from _everything(basis, f"{solidity}/basis")
+        if solidity == "solid":
+            yield "shape/spectrum", scale_free_spectrum(read_basis(basis, surface=False))
 
     with h5py.File(at(paths.modes)) as modes:
         for key in ("size_m", "size_origin", "scale_m", "volume_m3"):
@@ -73,11 +81,13 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
             material, place = modes["materials"][name], f"{solidity}/materials/{name}"
             yield from ((f"{place}@{key}", value) for key, value in material.attrs.items())
             yield from ((f"{place}/{key}", array[()]) for key, array in material.items())
+        for key, array in modes["sampled"].items() if "sampled" in modes else ():
+            yield f"{solidity}/sampled/{key}", array[()]
 
     audio = products.read_json(at(paths.audio_record))
     yield f"{solidity}/audio", _text(audio)
     for name, facts in audio["sounds"].items():
-        if split_sound(name, materials)[0] is None:
+        if split_sound(name, materials)[0] is None and sampled_number(name) is None:
             continue
         # 24-bit samples are exact in float32; soundfile divides them by 2^23.
         samples, sample_rate_hz = soundfile.read(at(paths.sound, material=name), dtype="float32")
@@ -96,14 +106,6 @@ def stage_products(paths: Paths, object_id: str, solidities) -> list[Path]:
             for name in body_chain(solidity)
         ]
     return [Path(path) for path in found]
-
-
-def provenance_of(path: Path) -> dict:
-    """Return the provenance a product states: a JSON record's, or an HDF5 file's."""
-    if path.suffix == ".json":
-        return products.read_json(path)["provenance"]
-    with h5py.File(path) as file:
-        return json.loads(file.attrs["provenance"])
 
 
 def _surface(place: str, path: Path) -> Pairs:

@@ -34,11 +34,17 @@ class Field:
         """Whether the field holds text and so has no unit."""
         return self.dtype in ("json", "text")
 
+    @property
+    def is_refusal(self) -> bool:
+        """Whether only what is refused has the field."""
+        return "@refusal_" in self.path
+
 
 _NORMALISED = "1 (normalised: longest side 1.8)"
 _BODY = "{solidity}"
 _BASIS = "{solidity}/basis"
 _MATERIAL = "{solidity}/materials/{material}"
+_SAMPLED = "{solidity}/sampled"
 _SOUND = "{solidity}/sounds/{sound}"
 
 
@@ -56,9 +62,12 @@ def _refusal(place: str, what: str) -> tuple[Field, ...]:
     )
 
 
+def _sampled(name: str, dtype: str, shape: str, unit: str, what: str) -> Field:
+    return Field(f"sampled_{name}", f"{_SAMPLED}/{name}", dtype, shape, unit, f"sampled materials: {what}")
+
+
 #: Every field of an object, in the order in which a reader meets them.
 FIELDS: tuple[Field, ...] = (
-    Field("split", "@split", "text", "()", "", "split of the object and of everything in it"),
     Field("origin", "@origin", "text", "()", "", "generated, bundled, files or objaverse"),
     Field("title", "@title", "text", "()", "", "name of the object"),
     Field("category", "@category", "text", "()", "", "shape family or category"),
@@ -73,11 +82,35 @@ FIELDS: tuple[Field, ...] = (
         "",
         "SHA-256 of one product per stage that this object came from",
     ),
+    Field(
+        "checksums",
+        "checksums",
+        "json",
+        "()",
+        "",
+        "for each group and dataset of the object, the first 64 bits of the SHA-256 of its content",
+    ),
     Field("source", "source", "json", "()", "", "where the mesh came from, as written by `sources`"),
     Field("clean", "clean", "json", "()", "", "what was repaired, and the scale, as written by `clean`"),
     Field("surface_vertices", "surface/vertices", "float64", "(V, 3)", _NORMALISED, "closed outer surface"),
     Field(
         "surface_faces", "surface/faces", "int32", "(F, 3)", "1", "its triangles, counter-clockwise outside"
+    ),
+    Field(
+        "moments",
+        "shape/moments",
+        "float64",
+        "(4,)",
+        "1 (scale-free)",
+        "eigenvalues of the outer surface's second moment over V^(5/3), ascending, then area over V^(2/3)",
+    ),
+    Field(
+        "spectrum",
+        "shape/spectrum",
+        "float64",
+        "(k,)",
+        "1 (scale-free)",
+        "lowest eigenfrequencies of the solid body, ω̂ V^(1/3) for E = ρ = 1 and ν = 0.25",
     ),
     Field(
         "coarse_vertices", "coarse/vertices", "float64", "(V, 3)", _NORMALISED, "box mesh of the occupancy"
@@ -202,7 +235,7 @@ FIELDS: tuple[Field, ...] = (
         "poisson_nodes",
         f"{_BASIS}/reduced/poisson_nodes",
         "float64",
-        "(c,)",
+        "(q,)",
         "1",
         "where the sparse problem was solved, then where the basis was corrected",
     ),
@@ -264,6 +297,14 @@ FIELDS: tuple[Field, ...] = (
     Field("beta_s", f"{_MATERIAL}@beta_s", "float64", "()", "s", "stiffness-proportional damping"),
     Field("mass_kg", f"{_MATERIAL}@mass_kg", "float64", "()", "kg", "mass of the body"),
     Field(
+        "following_hz",
+        f"{_MATERIAL}@following_hz",
+        "float64",
+        "()",
+        "Hz",
+        "the next frequency, not kept: that of the last one where a multiplet is cut, 0 where there is none",
+    ),
+    Field(
         "frequencies_hz",
         f"{_MATERIAL}/frequencies_hz",
         "float64",
@@ -312,6 +353,15 @@ FIELDS: tuple[Field, ...] = (
         "kg^-1/2",
         "mass-normalised displacements at the surface vertices",
     ),
+    _sampled("density_kg_m3", "float64", "(n,)", "kg/m³", "density"),
+    _sampled("young_pa", "float64", "(n,)", "Pa", "Young's modulus"),
+    _sampled("poisson", "float64", "(n,)", "1", "Poisson's ratio"),
+    _sampled("alpha_per_s", "float64", "(n,)", "1/s", "mass-proportional damping"),
+    _sampled("beta_s", "float64", "(n,)", "s", "stiffness-proportional damping"),
+    _sampled("mass_kg", "float64", "(n,)", "kg", "mass of the body"),
+    _sampled("frequencies_hz", "float64", "(n, m)", "Hz", "undamped eigenfrequencies, ascending"),
+    _sampled("relative_error", "float32", "(n, m)", "1", "estimated relative error by the basis"),
+    _sampled("discretisation_error", "float32", "(n, m)", "1", "estimated relative error by the elements"),
     Field("audio", f"{_BODY}/audio", "json", "()", "", "levels, gains and counts, as written by `audio`"),
     Field("sound", _SOUND, "float32", "(samples,)", "1 (full scale)", "impact sound, peak-normalised"),
     Field("sample_rate_hz", f"{_SOUND}@sample_rate_hz", "int64", "()", "Hz", "samples per second"),

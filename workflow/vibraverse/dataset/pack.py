@@ -15,11 +15,11 @@ import numpy as np
 from vibraverse.config.dataset import ShardOptions
 from vibraverse.dataset import collect, schema
 from vibraverse.dataset.chain import refusals_of
+from vibraverse.dataset.checksums import checksums
 from vibraverse.dataset.making import join, making_of
-from vibraverse.dataset.splits import split_of
 from vibraverse.dataset.tables import to_tsv
 from vibraverse.paths import Paths
-from vibraverse.products import sha256
+from vibraverse.products import read_provenance, sha256
 from vibraverse.refusal import Refusal
 
 #: Arrays of fewer bytes than this are stored as they are.
@@ -45,11 +45,11 @@ def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, sha
     """
     group = groups.create_group(object_id)
     refusals = refusals_of(paths, object_id, options.solidities)
-    write_field(group, "@split", split_of(object_id, options.splits))
     _write_refusal(group, "", refusals.object)
     for solidity, refusal in refusals.bodies.items():
         _write_refusal(group, solidity, refusal)
     if refusals.object is not None:
+        write_field(group, schema.CHECKSUMS, json.dumps(checksums(group)))
         return Packed([], refusals.rows(object_id), {})
 
     write_fields(group, collect.object_fields(paths, object_id, options.looks))
@@ -66,7 +66,8 @@ def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, sha
         for solidity in bodies
         for material in options.materials
     ]
-    making = join(making_of(collect.provenance_of(path)) for path in made)
+    write_field(group, schema.CHECKSUMS, json.dumps(checksums(group)))
+    making = join(making_of(read_provenance(path)) for path in made)
     return Packed(rows, refusals.rows(object_id), making)
 
 
@@ -76,7 +77,7 @@ def finish(h5, packed: list[Packed]) -> None:
     h5.attrs["format_version"] = schema.FORMAT_VERSION
     rows = [row for one in packed for row in one.rows]
     refusals = [row for one in packed for row in one.refusals]
-    h5.create_dataset(schema.INDEX, data=to_tsv(rows, schema.INDEX_COLUMNS))
+    h5.create_dataset(schema.INDEX, data=to_tsv(rows, schema.SHARD_COLUMNS))
     h5.create_dataset(schema.REFUSALS, data=to_tsv(refusals, schema.REFUSAL_COLUMNS))
     h5.create_dataset(schema.MAKING, data=json.dumps(join(one.making for one in packed), ensure_ascii=False))
 
@@ -125,7 +126,7 @@ def write_field(group, path: str, value) -> None:
 
 
 def index_row(group, object_id: str, solidity: str, material: str, shard: str) -> dict:
-    """Return the row of the index for one material of one body of an object's group."""
+    """Return the row of the index for one material of one body of an object's group, all but the split."""
     body = group[solidity]
     made_of = body["materials"][material]
     frequencies = made_of["frequencies_hz"]
@@ -134,7 +135,7 @@ def index_row(group, object_id: str, solidity: str, material: str, shard: str) -
         "solidity": solidity,
         "material": material,
         "shard": shard,
-        **{key: group.attrs[key] for key in ("split", "origin", "category", "title", "licence")},
+        **{key: group.attrs[key] for key in ("origin", "category", "title", "licence")},
         **{key: body.attrs[key] for key in ("size_m", "size_origin", "volume_m3")},
         "mass_kg": made_of.attrs["mass_kg"],
         "tetrahedra": len(body["tets/cells"]),
@@ -142,4 +143,5 @@ def index_row(group, object_id: str, solidity: str, material: str, shard: str) -
         "f1_hz": frequencies[0],
         "f_last_hz": frequencies[-1],
         "duration_s": body["sounds"][material].attrs["duration_s"],
+        "sampled": len(body["sampled/poisson"]) if "sampled" in body else 0,
     }

@@ -15,7 +15,10 @@ import numpy as np
 
 from vibraverse.config import unknown
 from vibraverse.dataset import schema
+from vibraverse.dataset.sampled import read_sampled, rows_of
+from vibraverse.dataset.splits import SPLIT_COLUMNS
 from vibraverse.dataset.tables import from_tsv
+from vibraverse.physics.materials import sampled_number
 
 #: What a sample holds unless asked otherwise: what every task needs, small, and of one shape for all bodies.
 DEFAULT_FIELDS = ("frequencies_hz", "damping_per_s", "size_m", "density_kg_m3", "young_pa", "poisson")
@@ -25,12 +28,17 @@ class Reader:
     """A dataset, or a part of it.
 
     ``shards`` are the HDF5 files. ``len(reader)`` counts its items, one per object, solidity and material, and
-    ``reader.items[i]`` is the row of the index. :meth:`sample` reads the chosen ``fields`` of an item, :meth:`read`
-    one field of any object, and :meth:`where` narrows the items.
+    ``reader.items[i]`` is the row of the index; ``splits`` says in which split each object is. :meth:`sample` reads
+    the chosen ``fields`` of an item, :meth:`read` one field of any object, :meth:`where` narrows the items and
+    :meth:`with_sampled` adds the sampled materials.
     """
 
     def __init__(
-        self, shards: Iterable[str | Path], fields: Sequence[str] = DEFAULT_FIELDS, look: str = "clay"
+        self,
+        shards: Iterable[str | Path],
+        fields: Sequence[str] = DEFAULT_FIELDS,
+        look: str = "clay",
+        splits: dict[str, str] | None = None,
     ):
         self.shards = {Path(path).name: Path(path) for path in shards}
         self.fields = tuple(fields)
@@ -44,10 +52,14 @@ class Reader:
         self._shard_of: dict[str, str] = {}
         for name in self.shards:
             file = self._open(name)
-            self.items += from_tsv(file[schema.INDEX].asstr()[()], schema.INDEX_COLUMNS)
+            strange = schema.strange(file)
+            if strange:
+                raise ValueError(f"{self.shards[name]}: {strange}")
+            self.items += from_tsv(file[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
             self.refusals += from_tsv(file[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
             self._shard_of.update(dict.fromkeys(file["objects"], name))
         self.items.sort(key=lambda row: row["object"])
+        self.place(splits or {})
         self.refusals.sort(key=lambda row: row["object"])
 
     def __len__(self) -> int:
@@ -72,14 +84,44 @@ class Reader:
         for name in conditions:
             if name not in schema.INDEX_COLUMNS:
                 raise KeyError(unknown("column", name, schema.INDEX_COLUMNS))
+        if "split" in conditions and not all(row["split"] for row in self.items):
+            raise KeyError(
+                "a shard alone knows no splits, which depend on all objects: open the dataset's folder"
+            )
         allowed = {
             name: {value} if isinstance(value, (str, int, float)) else set(value)
             for name, value in conditions.items()
         }
+        return self._part([row for row in self.items if all(row[name] in allowed[name] for name in allowed)])
+
+    def _part(self, items: list[dict]) -> Reader:
+        """Return a reader of the same shards with other items."""
         part = object.__new__(Reader)
         part.__dict__.update(self.__dict__)
-        part.items = [row for row in self.items if all(row[name] in allowed[name] for name in allowed)]
+        part.items = items
         return part
+
+    def place(self, splits: dict[str, str]) -> None:
+        """Say in which split each object is: "" where ``splits`` does not."""
+        self.items = [
+            {
+                name: splits.get(row["object"], "") if name == "split" else row[name]
+                for name in schema.INDEX_COLUMNS
+            }
+            for row in self.items
+        ]
+
+    def with_sampled(self) -> Reader:
+        """Return a reader whose items are these and, after those of each body, its sampled materials."""
+        bodies: dict[tuple, list[dict]] = {}
+        for row in self.items:
+            bodies.setdefault((row["object"], row["solidity"]), []).append(row)
+        items = []
+        for (object_id, solidity), rows in bodies.items():
+            items += rows
+            if rows[0]["sampled"]:
+                items += rows_of(self.group(object_id)[solidity], rows[0])
+        return self._part(items)
 
     def sample(self, item: dict) -> dict:
         """Return the chosen fields of an item, under their names, with ``object``, ``solidity`` and ``material``."""
@@ -98,7 +140,10 @@ class Reader:
         names = {"solidity": solidity, "material": material, "look": look, "sound": material, **wildcards}
         path = spec.path.format(**names)
         group = self.group(object)
+        number = sampled_number(material)
         try:
+            if number is not None and "{material}" in spec.path:
+                return read_sampled(group[solidity], field, number)
             value = group[path.split("@")[0] or "."]
             value = value.attrs[spec.path.split("@")[1]] if spec.is_attribute else value
         except KeyError:
@@ -115,15 +160,28 @@ class Reader:
         """Return the HDF5 group of an object, to look at anything in it. Raises :class:`KeyError` if unknown."""
         if object not in self._shard_of:
             raise KeyError(unknown("object", object, self._shard_of))
-        return self._open(self._shard_of[object])["objects"][object]
+        groups = self._open(self._shard_of[object])["objects"]
+        try:
+            return groups[object]
+        except KeyError:  # of a view (`vibraverse join`) whose dataset was moved
+            raise FileNotFoundError(
+                f"{self.shards[self._shard_of[object]]} links to {groups.get(object, getlink=True).filename}, which is "
+                "not there; join the datasets again"
+            ) from None
 
     def making(self) -> list[dict]:
         """Return how each shard was made: per stage its version, libraries and options."""
         return [json.loads(self._open(name)[schema.MAKING].asstr()[()]) for name in self.shards]
 
     def problems(self) -> list[str]:
-        """Return what in the shards disagrees with the schema, one sentence each."""
-        return [f"{name}: {text}" for name in self.shards for text in schema.problems(self._open(name))]
+        """Return what in the shards is not as the schema says, one sentence each; ``vibraverse check`` asks more."""
+        from vibraverse.dataset.validator import problems
+
+        return [
+            f"{name}: {object_id + ': ' if object_id else ''}{sentence}"
+            for name in self.shards
+            for object_id, sentence in problems(self._open(name))
+        ]
 
     def close(self) -> None:
         """Close the files of this process; the next access opens them again."""
@@ -162,6 +220,31 @@ def shards_at(path: str | Path) -> list[Path]:
     if not record.is_file():
         raise FileNotFoundError(f"{path} holds no finished dataset (there is no {record})")
     return [path / "shards" / name for name in json.loads(record.read_text(encoding="utf-8"))["shards"]]
+
+
+def splits_at(path: str | Path) -> dict[str, str]:
+    """Return the split of every object, as ``splits.tsv`` in a dataset's folder says it; for a shard, in its own.
+
+    A view of several datasets holds its splits. Empty where there are none.
+    """
+    path = Path(path)
+    if path.is_file():
+        import h5py
+
+        with h5py.File(path) as h5:
+            if schema.SPLITS in h5:
+                return _splits_in(h5[schema.SPLITS].asstr()[()])
+    table = (path.parent.parent if path.is_file() else path) / "splits.tsv"
+    return read_splits(table) if table.is_file() else {}
+
+
+def read_splits(table: str | Path) -> dict[str, str]:
+    """Return the split of every object from a ``splits.tsv``."""
+    return _splits_in(Path(table).read_text(encoding="utf-8"))
+
+
+def _splits_in(text: str) -> dict[str, str]:
+    return {row["object"]: row["split"] for row in from_tsv(text, SPLIT_COLUMNS)}
 
 
 def _field(name: str) -> schema.Field:

@@ -10,13 +10,20 @@ import re
 from functools import cache
 
 from vibraverse.dataset.fields import FIELDS, Field
+from vibraverse.dataset.ranges import RANGES
+from vibraverse.dataset.splits import SPLIT_COLUMNS
 
 #: Identifies a shard, and the version of this table.
 FORMAT = "vibraverse-shard"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 
 #: Texts at the root of a shard: its rows of the index and of the refusals (tab-separated), how it was made (JSON).
 INDEX, REFUSALS, MAKING = "index", "refusals", "making"
+#: And the splits, in a view of several datasets only: a shard does not know them.
+SPLITS = "splits"
+
+#: The list of checksums in every object's group (:mod:`vibraverse.dataset.checksums`).
+CHECKSUMS = "checksums"
 
 #: Fields by name.
 BY_NAME: dict[str, Field] = {field.name: field for field in FIELDS}
@@ -27,7 +34,7 @@ INDEX_COLUMNS: dict[str, tuple[type, str]] = {
     "solidity": (str, "`solid` or `hollow`"),
     "material": (str, "name of the material"),
     "shard": (str, "file in `shards/`"),
-    "split": (str, "split of the object"),
+    "split": (str, "split of the object and of everything made of it"),
     "origin": (str, "generated, bundled, files or objaverse"),
     "category": (str, "shape family or category"),
     "title": (str, "name of the object"),
@@ -43,8 +50,12 @@ INDEX_COLUMNS: dict[str, tuple[type, str]] = {
     "modes": (int, "number of elastic modes"),
     "f1_hz": (float, "lowest eigenfrequency"),
     "f_last_hz": (float, "highest eigenfrequency kept"),
-    "duration_s": (float, "length of the sound"),
+    "duration_s": (float, "length of the sound; 0 where there is none"),
+    "sampled": (int, "sampled materials of the body, stored beside the named ones"),
 }
+
+#: What a shard knows of these: all but the split, which may depend on objects in other shards.
+SHARD_COLUMNS = {name: column for name, column in INDEX_COLUMNS.items() if name != "split"}
 
 #: Columns of the refusals, one row per refused object or body: type and meaning.
 REFUSAL_COLUMNS: dict[str, tuple[type, str]] = {
@@ -66,6 +77,11 @@ def _patterns() -> tuple[tuple[re.Pattern, Field], ...]:
     return tuple(compiled)
 
 
+def knows(path: str) -> bool:
+    """Whether the table has a field at a filled-in path."""
+    return any(pattern.fullmatch(path) for pattern, _ in _patterns())
+
+
 def field_at(path: str) -> Field:
     """Return the field that stands at a filled-in path such as ``hollow/materials/steel/frequencies_hz``.
 
@@ -77,58 +93,30 @@ def field_at(path: str) -> Field:
     raise KeyError(f"the dataset has no field at {path!r}")
 
 
-def problems(h5) -> list[str]:
-    """Return what in an open shard disagrees with the table, one sentence each; none for a valid shard."""
-    import h5py
-
-    found: list[str] = []
+def strange(h5) -> str:
+    """Return why an open HDF5 file is no shard of this version, in one sentence; empty when it is one."""
     if h5.attrs.get("format") != FORMAT:
-        return [f"this is not a shard: its attribute 'format' is not {FORMAT!r}"]
-
-    def check(name, item):
-        for key in item.attrs:
-            if not (isinstance(item, h5py.Dataset) and key == "unit"):
-                _check_known(f"{name}@{key}", found)
-        if not isinstance(item, h5py.Dataset):
-            return
-        field = _check_known(name, found)
-        if field is None:
-            return
-        dimensions = 0 if field.shape == "()" else field.shape.rstrip(",)").count(",") + 1
-        if len(item.shape) != dimensions:
-            found.append(f"{name} has shape {item.shape}, not {field.shape}")
-        if not field.is_text:
-            if item.attrs.get("unit") != field.unit:
-                found.append(f"{name} has the unit {item.attrs.get('unit')!r}, not {field.unit!r}")
-            if field.dtype != "png" and item.dtype != field.dtype:
-                found.append(f"{name} is {item.dtype}, not {field.dtype}")
-
-    for object_id, group in h5["objects"].items():
-        start = len(found)
-        check("", group)
-        group.visititems(check)
-        found[start:] = [f"{object_id}: {sentence}" for sentence in found[start:]]
-    return found
-
-
-def _check_known(path: str, found: list[str]) -> Field | None:
-    try:
-        return field_at(path)
-    except KeyError as error:
-        found.append(error.args[0])
-        return None
+        return f"this is not a shard: its attribute 'format' is not {FORMAT!r}"
+    version = int(h5.attrs.get("format_version", 0))
+    if version != FORMAT_VERSION:
+        remedy = (
+            "delete it and run the workflow again, which packs it anew from its products"
+            if version < FORMAT_VERSION
+            else "install a newer vibraverse"
+        )
+        return f"it follows version {version} of the schema and this is version {FORMAT_VERSION}; {remedy}"
+    return ""
 
 
 def markdown() -> str:
     """Return the tables of ``docs/dataset.md``."""
-    lines = ["| field | path in `objects/{object}` | type | shape | unit | what it is |"]
-    lines += ["| --- | --- | --- | --- | --- | --- |"]
+    lines = ["| field | path in `objects/{object}` | type | shape | unit | range | what it is |"]
+    lines += ["| --- | --- | --- | --- | --- | --- | --- |"]
     for field in FIELDS:
-        unit = field.unit or "–"
-        lines.append(
-            f"| `{field.name}` | `{field.path}` | {field.dtype} | {field.shape} | {unit} | {field.description} |"
-        )
-    for title, columns in (("index.tsv", INDEX_COLUMNS), ("refusals.tsv", REFUSAL_COLUMNS)):
+        cells = (field.dtype, field.shape, field.unit or "–", RANGES.get(field.name, "–"), field.description)
+        lines.append(f"| `{field.name}` | `{field.path}` | {' | '.join(cells)} |")
+    tables = {"index.tsv": INDEX_COLUMNS, "splits.tsv": SPLIT_COLUMNS, "refusals.tsv": REFUSAL_COLUMNS}
+    for title, columns in tables.items():
         lines += ["", f"| column of `{title}` | what it is |", "| --- | --- |"]
         lines += [f"| `{name}` | {text} |" for name, (_, text) in columns.items()]
     return "\n".join(lines) + "\n"

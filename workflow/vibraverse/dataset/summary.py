@@ -6,9 +6,9 @@ from collections import Counter
 
 from vibraverse.dataset.making import join
 from vibraverse.dataset.reader import Reader
+from vibraverse.physics.materials import PARAMETERS
 
 _RANGES = ("size_m", "volume_m3", "mass_kg", "tetrahedra", "f1_hz", "f_last_hz", "duration_s")
-_MATERIAL_KEYS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
 
 
 def summary(reader: Reader) -> dict:
@@ -21,7 +21,10 @@ def summary(reader: Reader) -> dict:
     kept = set(reader.objects)
     gone = {row["object"] for row in refusals} - kept
     splits = Counter({item["object"]: item["split"] for item in items}.values())
-    origins = Counter({item["object"]: item["origin"] for item in items}.values())
+    origins, licences, categories = (
+        Counter({item["object"]: item[column] for item in items}.values())
+        for column in ("origin", "licence", "category")
+    )
     return {
         "counts": {
             "objects": len(kept),
@@ -30,9 +33,12 @@ def summary(reader: Reader) -> dict:
             "refused_bodies": sum(1 for row in refusals if row["solidity"] and row["object"] in kept),
             "sounds": sum(len(reader.group(object_id)[solidity]["sounds"]) for object_id, solidity in bodies),
             "items": len(items),
+            "sampled": sum({(item["object"], item["solidity"]): item["sampled"] for item in items}.values()),
         },
         "objects_by_split": dict(sorted(splits.items())),
         "objects_by_origin": dict(sorted(origins.items())),
+        "objects_by_licence": dict(sorted(licences.items())),
+        "objects_by_category": dict(sorted(categories.items())),
         "refusals_by_reason": dict(sorted(Counter(row["reason"] for row in refusals).items())),
         "materials": _materials(reader),
         "ranges": {name: _range([item[name] for item in items]) for name in _RANGES if items},
@@ -45,7 +51,7 @@ def _materials(reader: Reader) -> dict[str, dict[str, float]]:
     for item in reader.items:
         if item["material"] not in found:
             place = {name: item[name] for name in ("object", "solidity", "material")}
-            found[item["material"]] = {key: float(reader.read(key, **place)) for key in _MATERIAL_KEYS}
+            found[item["material"]] = {key: float(reader.read(key, **place)) for key in PARAMETERS}
     return found
 
 

@@ -15,20 +15,17 @@ corrections of :mod:`vibraverse.physics.enrichment`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from vibraverse.physics.columns import signs
 from vibraverse.physics.eigensolver import RIGID, solve
-from vibraverse.physics.elasticity import Operators, assemble, lame
+from vibraverse.physics.elasticity import Operators, assemble
 from vibraverse.physics.enrichment import correct
 from vibraverse.physics.factorisation import factorise
-from vibraverse.physics.reduction import Reduction, solve_reduced
+from vibraverse.physics.materials import lame
+from vibraverse.physics.reduced import GUARD, ModalBasis, solve_reduced
+from vibraverse.physics.reduction import Reduction
 
-#: Modes solved for beyond those kept: where spectra cross, a mode just above the last one kept at one ν is among
-#: those kept elsewhere, and corrections may bring it among them.
-GUARD = 8
 #: The factor by which ``1 - 2ν`` may change over a part of the range with one factorisation.
 _REACH = 4.0
 #: Values of ν per part at which errors are looked at, and corrections there at most; the estimates stay true if these
@@ -40,45 +37,6 @@ _MARGIN = 0.3
 _SPARE = 0.7
 #: Directions that the modes need by less than this are dropped in the end; the first value that keeps the error wanted.
 _DROPS = (1e-3, 5e-4, 2e-4, 1e-4, 3e-5, 1e-5)
-
-
-@dataclass(frozen=True)
-class ModalBasis:
-    """The modal basis of one body, in mesh units with E = ρ = 1.
-
-    ``a_lambda``, ``a_mu``: (r, r) reduced stiffness; ``sketch``: (k, p, 3r) for error estimates, in the energy norms
-    of ``energy_poisson`` (k,); ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface``: (V, 3, r) the basis on
-    its vertices; ``correction_lambda``, ``correction_mu`` (r + m, m), ``correction_mass`` (r, m) and
-    ``correction_surface`` (V, 3, m): what :class:`vibraverse.physics.enrichment.Corrections` adds to it;
-    ``poisson_range`` (2,) with ``error`` the largest estimated relative error of a frequency in it;
-    ``poisson_nodes``: where the sparse problem was solved, then where the space was corrected, in order;
-    ``residuals`` (m,) of that solve; ``volume``, ``centre`` (3,) and ``inertia`` (3, 3) about it for unit density.
-    """
-
-    a_lambda: np.ndarray
-    a_mu: np.ndarray
-    sketch: np.ndarray
-    energy_poisson: np.ndarray
-    vertices: np.ndarray
-    faces: np.ndarray
-    surface: np.ndarray
-    correction_lambda: np.ndarray
-    correction_mu: np.ndarray
-    correction_mass: np.ndarray
-    correction_surface: np.ndarray
-    poisson_range: np.ndarray
-    poisson_nodes: np.ndarray
-    error: float
-    residuals: np.ndarray
-    volume: float
-    centre: np.ndarray
-    inertia: np.ndarray
-    order: int
-    n_vertices: int
-    n_tetrahedra: int
-    n_unknowns: int
-    method: str
-    factorisation: str
 
 
 def build_basis(

@@ -25,9 +25,10 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from vibraverse.physics.columns import fix_signs, orthonormalise, project, residuals
-from vibraverse.physics.elasticity import Operators, lame, rigid_modes
+from vibraverse.physics.elasticity import Operators, rigid_modes
 from vibraverse.physics.factorisation import factorise
 from vibraverse.physics.iterations import RIGID, Found, Pencil, arpack, block_lanczos, lobpcg
+from vibraverse.physics.materials import lame
 from vibraverse.refusal import Refused
 
 _METHODS = {"lanczos": block_lanczos, "arpack": arpack, "lobpcg": lobpcg}

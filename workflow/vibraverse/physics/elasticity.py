@@ -69,11 +69,6 @@ class Operators:
         return sp.csr_matrix((data, self.k_mu.indices, self.k_mu.indptr), shape=self.k_mu.shape)
 
 
-def lame(young: float, poisson: float) -> tuple[float, float]:
-    """Return Lamé's ``(λ, μ)`` of a material, in the unit of ``young``."""
-    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
-
-
 def check_tetrahedra(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Return the volumes (T,) of tetrahedra, all positive, or raise :class:`Refused`."""
     corners = points[cells]

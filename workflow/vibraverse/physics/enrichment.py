@@ -23,11 +23,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 import scipy.sparse as sp
 
 from vibraverse.physics.columns import orthonormalise, orthonormalising, signs
-from vibraverse.physics.elasticity import Operators, lame, rigid_modes
+from vibraverse.physics.elasticity import Operators, rigid_modes
+from vibraverse.physics.materials import lame
 
 #: Steps of conjugate gradients; a fourth would lower frequencies by a hundredth to a tenth of what three do.
 _STEPS = 3
@@ -89,36 +89,6 @@ def correct(
         corner = turn.T @ (found.T @ image) @ turn
         columns.append(np.concatenate([basis.T @ image[:n] @ turn, 0.5 * (corner + corner.T)]))
     return Corrections(vectors @ turn, *columns, basis.T @ weighted[:n] @ turn)
-
-
-def solve_corrected(
-    k_lambda: np.ndarray,
-    k_mu: np.ndarray,
-    mass: np.ndarray,
-    poisson: float,
-    values: np.ndarray,
-    coefficients: np.ndarray,
-    modes: int,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Solve the reduced problem with the corrections of :class:`Corrections`, for E = ρ = 1.
-
-    ``values`` (q,) and ``coefficients`` (r, q) are the lowest pairs without them, a few more than ``modes``. Returns
-    ω̂² (q,), coefficients (r + m, modes), the share by which corrections lowered each of these frequencies (modes,),
-    and by which they lowered each of the modes without them, which may stand in another order (modes,).
-    """
-    lam, mu = lame(1.0, poisson)
-    columns = lam * k_lambda + mu * k_mu
-    rank, kept = coefficients.shape
-    side, link = coefficients.T @ columns[:rank], coefficients.T @ mass
-    stiffness = np.block([[np.diag(values), side], [side.T, columns[rank:]]])
-    weight = np.block([[np.eye(kept), link], [link.T, np.eye(len(link.T))]])
-    corrected, mixing = scipy.linalg.eigh(stiffness, weight, subset_by_index=(0, kept - 1))
-    # Without its corrections a mode would have Rayleigh's quotient of what is left of it.
-    weights = mixing[:kept] ** 2
-    lowered = np.sqrt(values @ weights / weights.sum(axis=0) / corrected) - 1.0
-    lowered_here = (weights @ lowered / weights.sum(axis=1))[:modes]
-    vectors = np.concatenate([coefficients @ mixing[:kept, :modes], mixing[kept:, :modes]])
-    return corrected, vectors, lowered[:modes], lowered_here
 
 
 def _conjugate_gradients(operator, precondition, residual: np.ndarray, direction: np.ndarray) -> np.ndarray:

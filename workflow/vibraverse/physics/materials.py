@@ -1,4 +1,4 @@
-"""The table of materials.
+"""The table of materials, their elastic constants, and materials drawn at random.
 
 Values are the sets published with NeuralSound (Jin et al., 2022) and DiffSound (Jin et al., 2024);
 DiffSound lists ``alpha`` 10 for iron and 20 for steel.
@@ -6,7 +6,12 @@ DiffSound lists ``alpha`` 10 for iron and 20 for steel.
 
 from __future__ import annotations
 
-_COLUMNS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
+import re
+
+from vibraverse.seeds import rng
+
+#: What makes a material: density, Young's modulus, Poisson's ratio, Rayleigh damping.
+PARAMETERS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
 
 _ROWS = {
     "ceramic": (2700.0, 7.2e10, 0.19, 6.0, 1e-7),
@@ -19,7 +24,44 @@ _ROWS = {
     "tin": (7265.0, 5.0e10, 0.325, 2.0, 3e-8),
 }
 
+_SAMPLED = re.compile(r"sampled-(\d{4,})")
+
 #: Name -> density in kg/m³, Young's modulus in Pa, Poisson's ratio, damping alpha in 1/s and beta in s.
 MATERIALS: dict[str, dict[str, float]] = {
-    name: dict(zip(_COLUMNS, row, strict=True)) for name, row in _ROWS.items()
+    name: dict(zip(PARAMETERS, row, strict=True)) for name, row in _ROWS.items()
 }
+
+
+def lame(young: float, poisson: float) -> tuple[float, float]:
+    """Return Lamé's ``(λ, μ)`` of a material, in the unit of ``young``."""
+    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+
+
+def sampled_name(number: int) -> str:
+    """Return the name of an object's sampled material."""
+    return f"sampled-{number:04d}"
+
+
+def sampled_number(name: str) -> int | None:
+    """Return which sampled material a name means; None for every other name."""
+    found = _SAMPLED.fullmatch(name)
+    return int(found[1]) if found and sampled_name(int(found[1])) == name else None
+
+
+def sampled(object_id: str, seed: int, count: int, ranges: dict) -> dict:
+    """Return ``count`` materials of an object, each parameter an array (count,) in its ``ranges`` (lowest, highest).
+
+    Poisson's ratio is drawn evenly, the others evenly in their logarithm. Number k depends on id, seed and k alone.
+    """
+    return drawn(rng(object_id, "materials", str(seed)), count, ranges)
+
+
+def drawn(random, count: int, ranges: dict) -> dict:
+    """Return what :func:`sampled` does, from a NumPy generator."""
+    # Row by row, so that a higher count begins with the same rows.
+    places = random.random((count, len(PARAMETERS))).T
+    found = {}
+    for name, place in zip(PARAMETERS, places, strict=True):
+        low, high = ranges[name]
+        found[name] = low + (high - low) * place if name == "poisson" else low * (high / low) ** place
+    return found

@@ -12,10 +12,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.physics.basis import GUARD, ModalBasis
 from vibraverse.physics.columns import fix_signs
-from vibraverse.physics.enrichment import solve_corrected
-from vibraverse.physics.reduction import solve_reduced
+from vibraverse.physics.damping import rayleigh_damping
+from vibraverse.physics.reduced import GUARD, ModalBasis, solve_corrected, solve_reduced
 
 #: What corrections leave of the elements' error, as a share of what they remove: near the largest seen
 #: (benchmarks/accuracy.py), so that the estimate errs on the safe side.
@@ -29,8 +28,8 @@ class MaterialModes:
     ``frequencies_hz`` (m,) undamped; ``damped_frequencies_hz`` (m,), 0 where overdamped; ``damping_per_s`` (m,);
     ``relative_error`` (m,) estimated relative error of each frequency by the reduction to the basis;
     ``discretisation_error`` (m,) estimated relative error by the elements; ``mode_shapes`` (m, V, 3) at the surface
-    vertices, mass-normalised, in kg^(-1/2). ``following_hz`` is the frequency of the next mode, which is not kept:
-    where it is that of the last one, the cut goes through a multiplet.
+    vertices, mass-normalised, in kg^(-1/2), or None. ``following_hz`` is the frequency of the next mode, not kept: where
+    it is that of the last one, the cut goes through a multiplet; it is 0 where the mesh has no more.
     """
 
     frequencies_hz: np.ndarray
@@ -38,25 +37,20 @@ class MaterialModes:
     damping_per_s: np.ndarray
     relative_error: np.ndarray
     discretisation_error: np.ndarray
-    mode_shapes: np.ndarray
+    mode_shapes: np.ndarray | None
     following_hz: float
     mass_kg: float
 
 
-def rayleigh_damping(omega: np.ndarray, alpha: float, beta: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``d`` in 1/s and ``ω_d`` in rad/s (0 where overdamped) for angular frequencies in rad/s."""
-    damping = 0.5 * (alpha + beta * omega**2)
-    return damping, np.sqrt(np.maximum(omega**2 - damping**2, 0.0))
-
-
 def solve_material(
-    basis: ModalBasis, material: dict, scale_m: float, modes: int, corrected: bool = True
+    basis: ModalBasis, material: dict, scale_m: float, modes: int, corrected: bool = True, shapes: bool = True
 ) -> MaterialModes:
     """Return the modes of a body in a material.
 
     ``material`` holds ``density_kg_m3``, ``young_pa``, ``poisson``, ``alpha_per_s`` and ``beta_s``; ``scale_m`` is
     metres per mesh unit; at most as many modes as the basis was built for are returned. Without ``corrected`` the
-    frequencies are those of the mesh's elements as they are.
+    frequencies are those of the mesh's elements as they are; without ``shapes`` there are none, and no surface is
+    needed.
     """
     young, density = material["young_pa"], material["density_kg_m3"]
     modes = min(modes, len(basis.residuals))
@@ -64,21 +58,40 @@ def solve_material(
     to_hz = np.sqrt(young / density) / scale_m / (2 * np.pi)
     omega = 2 * np.pi * to_hz * np.sqrt(reduced.values)
     damping, damped = rayleigh_damping(omega, material["alpha_per_s"], material["beta_s"])
-    rank = basis.surface.shape[2]
-    shapes = _combined(basis.surface, reduced.coefficients[:rank])
-    if corrected:
-        shapes += _combined(basis.correction_surface, reduced.coefficients[rank:])
+    mode_shapes = None
+    if shapes:
+        rank = basis.surface.shape[2]
+        mode_shapes = _combined(basis.surface, reduced.coefficients[:rank])
+        if corrected:
+            mode_shapes += _combined(basis.correction_surface, reduced.coefficients[rank:])
+        # The basis is normalised for unit density and unit scale; ρ s³ turns that mass into kilograms.
+        mode_shapes = mode_shapes / np.sqrt(density * scale_m**3)
     return MaterialModes(
         frequencies_hz=omega / (2 * np.pi),
         damped_frequencies_hz=damped / (2 * np.pi),
         damping_per_s=damping,
         relative_error=reduced.relative_error,
         discretisation_error=reduced.discretisation_error,
+        mode_shapes=mode_shapes,
         following_hz=float(to_hz * np.sqrt(reduced.following)),
-        # The basis is normalised for unit density and unit scale; ρ s³ turns that mass into kilograms.
-        mode_shapes=shapes / np.sqrt(density * scale_m**3),
         mass_kg=density * basis.volume * scale_m**3,
     )
+
+
+def solve_materials(
+    basis: ModalBasis, materials: dict[str, np.ndarray], scale_m: float, modes: int, corrected: bool = True
+) -> dict[str, np.ndarray]:
+    """Return frequencies and errors of many materials, whose parameters are arrays (n,); some milliseconds each.
+
+    ``frequencies_hz``, ``relative_error`` and ``discretisation_error`` (n, m), ``mass_kg`` (n,), as in
+    :class:`MaterialModes`.
+    """
+    found = [
+        solve_material(basis, dict(zip(materials, row, strict=True)), scale_m, modes, corrected, shapes=False)
+        for row in zip(*materials.values(), strict=True)
+    ]
+    names = ("frequencies_hz", "relative_error", "discretisation_error", "mass_kg")
+    return {name: np.array([getattr(one, name) for one in found]) for name in names}
 
 
 def _combined(surface: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
@@ -91,7 +104,7 @@ def _combined(surface: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
 class ReducedModes:
     """Pairs for E = ρ = 1: ``values`` ω̂² (m,), ``coefficients`` (r, m), or (r + c, m) with corrections.
 
-    ``relative_error`` and ``discretisation_error`` (m,) as in :class:`MaterialModes`; ``following`` is the next ω̂², NaN
+    ``relative_error`` and ``discretisation_error`` (m,) as in :class:`MaterialModes`; ``following`` is the next ω̂², 0
     where the mesh has no more.
     """
 
@@ -111,7 +124,7 @@ def reduced_solve(basis: ModalBasis, poisson: float, modes: int, corrected: bool
         basis.correction_lambda, basis.correction_mu, basis.correction_mass, poisson, values, vectors, modes
     )
     found = lower if corrected else values
-    following = float(found[modes]) if len(found) > modes else np.nan
+    following = float(found[modes]) if len(found) > modes else 0.0
     if corrected:
         return ReducedModes(lower[:modes], following, fix_signs(mixed), error[:modes], _LEFT * lowered)
     return ReducedModes(values[:modes], following, fix_signs(vectors[:, :modes]), error[:modes], lowered_here)

@@ -7,11 +7,11 @@ factor ``(1 - 2ν₀) / (1 - 2ν)``, so near enough to ν₀ a correction costs 
 would cost four and a factorisation.
 
 How large an error is must be known before it can be corrected, and later for every material. To first order the
-relative error of a frequency is ``rᵀ B⁻¹ r / 2ω²``, up to the factor in :func:`solve_reduced`. That norm is estimated
-from random vectors ``y`` with covariance B⁻¹, each of which is half a solve: ``E (yᵀ r)² = rᵀ B⁻¹ r``. The residual is
-linear in ``W = [K_λ U, K_μ U, M U]``, so the small matrix ``Yᵀ W`` is all that an estimate needs. With p vectors its
-relative standard deviation is ``sqrt(2/p)``. (Residual-based randomised estimators: Smetana, Zahm and Patera,
-SIAM J. Sci. Comput. 41, A900, 2019.)
+relative error of a frequency is ``rᵀ B⁻¹ r / 2ω²``, up to the factor in
+:func:`vibraverse.physics.reduced.solve_reduced`. That norm is estimated from random vectors ``y`` with covariance B⁻¹,
+each of which is half a solve: ``E (yᵀ r)² = rᵀ B⁻¹ r``. The residual is linear in ``W = [K_λ U, K_μ U, M U]``, so the
+small matrix ``Yᵀ W`` is all that an estimate needs. With p vectors its relative standard deviation is ``sqrt(2/p)``.
+(Residual-based randomised estimators: Smetana, Zahm and Patera, SIAM J. Sci. Comput. 41, A900, 2019.)
 """
 
 from __future__ import annotations
@@ -20,47 +20,16 @@ import numpy as np
 import scipy.linalg
 
 from vibraverse.physics.columns import Columns, clear, combine, orthonormalise
-from vibraverse.physics.elasticity import Operators, lame, rigid_modes
+from vibraverse.physics.elasticity import Operators, rigid_modes
+from vibraverse.physics.materials import lame
+from vibraverse.physics.reduced import solve_reduced
 
 #: Random vectors per estimate.
 _SKETCH = 48
 #: Room made at first, in multiples of the modes the space starts with.
 _CAPACITY = 8
-#: The gap to the modes that the space does not resolve is not taken below this share.
-_LEAST_GAP = 0.15
 #: Directions of a correction that lower the error by less than this share of the error wanted are left out.
 _NEGLIGIBLE = 0.01
-
-
-def solve_reduced(
-    a_lambda: np.ndarray,
-    a_mu: np.ndarray,
-    sketch: np.ndarray,
-    energy_poisson: np.ndarray,
-    poisson: float,
-    modes: int,
-    guard: int = 0,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Solve the reduced problem for E = ρ = 1.
-
-    ``a_lambda``, ``a_mu`` (r, r), ``sketch`` (k, p, 3r) the products ``Yᵀ [K_λ U, K_μ U, M U]`` for each ν₀ in
-    ``energy_poisson`` (k,), of which the nearest is taken. Returns ω̂² (m,), coefficients (r, m) and the estimated
-    relative error (m,) of each frequency, for the ``modes`` lowest pairs and up to ``guard`` more.
-
-    To first order a Ritz value exceeds the eigenvalue by ``‖r‖²`` in the norm of ``(K - ω²M)⁻¹`` off the basis. There
-    every direction is stiffer than the modes kept, so the energy norm times ``1 / (1 - ω²/ω²_next)`` covers it; the gap
-    is not taken below 0.15 because the basis resolves several modes above the last one too.
-    """
-    lam, mu = lame(1.0, poisson)
-    wanted = min(modes + max(guard, 1), len(a_mu))
-    values, vectors = scipy.linalg.eigh(lam * a_lambda + mu * a_mu, subset_by_index=(0, wanted - 1))
-    nearest = np.abs(np.log((1 - 2 * energy_poisson) / (1 - 2 * poisson))).argmin()
-    residual = sketch[nearest] @ np.concatenate([lam * vectors, mu * vectors, -values * vectors])
-    size = (residual**2).mean(axis=0)
-    gap = 1.0 - values / values[modes] if wanted > modes else np.ones(wanted)
-    error = 0.5 * size / values / np.maximum(gap, _LEAST_GAP)
-    kept = min(modes + guard, wanted)
-    return values[:kept], vectors[:, :kept], error[:kept]
 
 
 class Reduction:

@@ -45,9 +45,8 @@ def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
     """Return what to show of an object; its pictures and sounds are added to ``assets`` by file name."""
     group = reader.group(object_id)
     items = [item for item in reader.items if item["object"] == object_id]
-    facts = {
-        name: group.attrs[name] for name in ("title", "category", "origin", "licence", "attribution", "split")
-    }
+    facts = {name: group.attrs[name] for name in ("title", "category", "origin", "licence", "attribution")}
+    facts["split"] = items[0]["split"]
     materials = list(dict.fromkeys(item["material"] for item in items))
     pictures = {}
     for look in sorted(group["views"], key=lambda look: materials.index(look) if look in materials else -1):
@@ -65,6 +64,7 @@ def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
         for material in materials:
             shown.modes.setdefault(material, {})[solidity] = _modes(body["materials"][material])
     names = dict.fromkeys(name for solidity in shown.bodies for name in group[solidity]["sounds"])
+    names = [name for name in names if split_sound(name, materials)[0]]  # not those of sampled materials
     for name in sorted(names, key=lambda name: _place(name, materials)):
         material, point = split_sound(name, materials)
         cells = {

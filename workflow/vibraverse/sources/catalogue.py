@@ -74,9 +74,12 @@ def _entries(config: Config):
             raise ConfigError(f"sources.bundled: {unknown('bundled model', object_, BUNDLED)}")
         yield Entry(object_, "bundled", {"origin": "bundled"})
     for number, files in enumerate(sources.files):
+        if files.category and files.categories and files.category not in files.categories:
+            wrong = unknown("category", files.category, files.categories)
+            raise ConfigError(f"sources.files[{number}].category: {wrong}")
         try:
             if is_manifest(files.path):
-                rows = read_manifest(files.path)
+                rows = read_manifest(files.path, files.categories)
             else:
                 rows = [Row(object_, path) for object_, path in find(files.path).items()]
         except NoMeshes as error:

@@ -11,7 +11,7 @@ import io
 import math
 import os
 import stat
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,8 +46,8 @@ def is_manifest(path: str) -> bool:
     return path.lower().endswith(_EXTENSIONS)
 
 
-def read_manifest(path: str) -> list[Row]:
-    """Return the rows of a manifest in their order.
+def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
+    """Return the rows of a manifest in their order; where ``categories`` are given, no row may state another.
 
     The first line names the columns; commas, semicolons or tabs separate them. Raises :class:`NoMeshes` that lists
     every mistake with its line and column.
@@ -66,7 +66,10 @@ def read_manifest(path: str) -> list[Row]:
             )
             continue
         values = {name: cells[at].strip() if at < len(cells) else "" for name, at in columns.items()}
-        wrong = [f"line {line}, column {column}: {what}" for column, what in _row_mistakes(manifest, values)]
+        wrong = [
+            f"line {line}, column {column}: {what}"
+            for column, what in _row_mistakes(manifest, values, categories)
+        ]
         if wrong:
             mistakes += wrong
             continue
@@ -138,8 +141,12 @@ def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
     return columns
 
 
-def _row_mistakes(manifest: Path, values: dict[str, str]) -> Iterator[tuple[str, str]]:
+def _row_mistakes(
+    manifest: Path, values: dict[str, str], categories: Sequence[str]
+) -> Iterator[tuple[str, str]]:
     """Yield the column and the sentence of everything that is wrong with one row."""
+    from vibraverse.config import unknown
+
     path = values["path"]
     if not path:
         yield "path", "no file is named"
@@ -158,6 +165,9 @@ def _row_mistakes(manifest: Path, values: dict[str, str]) -> Iterator[tuple[str,
             "id",
             f"{object_!r} is not an id of lower-case letters, digits, - and _; {slug(object_)!r} would be",
         )
+    category = values.get("category")
+    if category and categories and category not in categories:
+        yield "category", unknown("category", category, categories)
     size = values.get("size_m")
     if size and not _is_size(size):
         hint = "; write a decimal point" if _is_size(size.replace(",", ".")) else ""

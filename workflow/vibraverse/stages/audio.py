@@ -14,32 +14,36 @@ def run(job: Job) -> None:
     from vibraverse.cli import UsageError
     from vibraverse.config import unknown
     from vibraverse.media import audio
+    from vibraverse.modesfile import read_spectrum
     from vibraverse.physics.impulse import contact, impact_sound
+    from vibraverse.physics.materials import sampled_name
 
     options = job.options
     names = [path.stem for path in job.final["sounds"]]
     record = {}
     with h5py.File(job.inputs["modes"]) as modes:
+        sampled = len(modes["sampled/poisson"]) if "sampled" in modes else 0
+        materials = [*modes["materials"], *map(sampled_name, range(sampled))]
         contacts = [
             contact(modes["surface/vertices"], modes["surface/faces"], point) for point in options.points
         ]
         for name, path in zip(names, job.outputs["sounds"], strict=True):
-            material, point = split_sound(name, modes["materials"])
+            material, point = split_sound(name, materials)
             if material is None:
                 raise UsageError(f"sounds: {unknown('material', name, modes['materials'])}")
+            if point is not None and material not in modes["materials"]:
+                raise UsageError(f"sounds: {name!r} asks for mode shapes, which no sampled material has")
             if point is not None and point >= len(contacts):
                 raise UsageError(
                     f"sounds: {name!r} asks for point {point} of {len(contacts)} in audio.points"
                 )
-            group = modes["materials"][material]
             struck = None if point is None else contacts[point]
             sound = impact_sound(
-                group["frequencies_hz"],
-                group["damping_per_s"],
+                *read_spectrum(modes, material),
                 options.sample_rate_hz,
                 options.decay_db,
                 options.max_s,
-                None if struck is None else struck.weights(group["mode_shapes"]),
+                None if struck is None else struck.weights(modes[f"materials/{material}/mode_shapes"]),
             )
             wav, levels = audio.wav_bytes(sound.samples, sound.sample_rate_hz, options.subtype)
             path.write_bytes(wav)

@@ -18,8 +18,8 @@ def run(job: Job) -> None:
     occupied, distance = body.occupancy(job.options.coarse), body.signed_distance(job.options.fine)
     if not occupied.any():
         occupied = grids.thickest_cell(distance, job.options.coarse)
-    write_grids(job.outputs["grids"], occupied.astype(np.uint8), distance, job.provenance())
     write_obj(job.outputs["coarse"], *grids.coarse_mesh(occupied))
+    write_grids(job.outputs["grids"], occupied.astype(np.uint8), distance, job.provenance("coarse"))
 
 
 def write_grids(path, occupied, distance, provenance: dict) -> None:

@@ -1,41 +1,114 @@
-"""Indexing: what all shards hold, as two tables and one record."""
+"""Indexing: what all shards hold, as three tables and one record; here every object gets its split."""
 
 from __future__ import annotations
 
 from vibraverse import products
+from vibraverse.config import unknown
+from vibraverse.config.dataset import IndexOptions
 from vibraverse.stage import Job, Stage
 
 
 def run(job: Job) -> None:
     """Join the shards' rows, and count."""
+    from vibraverse.cli import UsageError
+    from vibraverse.dataset.card import card, overview
+    from vibraverse.dataset.croissant import croissant
+    from vibraverse.dataset.parquet import write_parquet
     from vibraverse.dataset.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
+    from vibraverse.dataset.splits import SPLIT_COLUMNS
     from vibraverse.dataset.summary import summary
     from vibraverse.dataset.tables import to_tsv
 
-    with Reader(job.inputs["shards"]) as reader:
+    if "config" in job.final:
+        if "resolved" not in job.inputs:
+            raise UsageError("index: --config needs the configuration to copy; name it with --resolved.")
+        job.outputs["config"].write_bytes(job.inputs["resolved"].read_bytes())
+    try:
+        reader = Reader(job.inputs["shards"])
+    except ValueError as error:  # a file that is no shard, or follows another schema
+        raise UsageError(f"index: {error}") from None
+    with reader:
+        splits = _splits(job, reader)
+        reader.place(splits.split)
+        job.outputs["splits"].write_text(to_tsv(splits.rows(), SPLIT_COLUMNS), encoding="utf-8")
         job.outputs["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
+        write_parquet(job.outputs["parquet"], reader.items, INDEX_COLUMNS)
         job.outputs["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
-        found = summary(reader)
-    shards = {
-        path.name: {"sha256": products.sha256(path), "bytes": path.stat().st_size}
-        for path in job.inputs["shards"]
+        found = {**summary(reader), "copies": splits.summary()}
+        attributions = [reader.group(name).attrs["attribution"] for name in reader.objects]
+        job.outputs["overview"].write_bytes(overview(reader))
+    shards = {path.name: _facts(path) for path in job.inputs["shards"]}
+    about = job.options.card
+    text = card(found, about, attributions, job.final["overview"].name)
+    job.outputs["card"].write_text(text, encoding="utf-8")
+    described = {f"{name}.tsv": _facts(job.outputs[name]) for name in ("index", "splits", "refusals")}
+    described |= {f"shards/{name}": facts for name, facts in shards.items()}
+    products.write_json(job.outputs["croissant"], croissant(found, about, described))
+    tables = {
+        job.final[name].name: _facts(job.outputs[name])
+        for name in job.final
+        if name not in ("record", "sums")
     }
-    job.write_record({**found, "shards": shards})
+    job.write_record({**found, "shards": shards, "files": tables})
+    sums = {f"shards/{name}": facts["sha256"] for name, facts in shards.items()}
+    sums |= {name: facts["sha256"] for name, facts in tables.items()}
+    sums[job.final["record"].name] = products.sha256(job.outputs["record"])
+    lines = (f"{digest}  {name}\n" for name, digest in sums.items())
+    job.outputs["sums"].write_text("".join(lines), encoding="utf-8")
+
+
+def _splits(job: Job, reader):
+    """Return the split of every object, by the hash of its id and by its copies."""
+    from vibraverse.cli import UsageError
+    from vibraverse.dataset.copies import fingerprints_of, groups
+    from vibraverse.dataset.reader import read_splits
+    from vibraverse.dataset.splits import assign
+
+    options, kept = job.options, None
+    if "kept" in job.inputs:
+        try:
+            kept = read_splits(job.inputs["kept"])
+        except (UnicodeDecodeError, ValueError) as error:
+            raise UsageError(f"index: {job.inputs['kept']} is no splits.tsv of a dataset: {error}.") from None
+        for name in sorted(set(kept.values()) - set(options.splits)):
+            raise UsageError(f"index: {job.inputs['kept']}: {unknown('split', name, options.splits)}.")
+    strata = None
+    if options.stratify != "none":
+        strata = {item["object"]: item[options.stratify] for item in reader.items}
+    return assign(groups(fingerprints_of(reader, reader.objects)), options.splits, strata, kept)
+
+
+def _facts(path) -> dict:
+    """Return the checksum and the size of a file."""
+    return {"sha256": products.sha256(path), "bytes": path.stat().st_size}
 
 
 STAGE = Stage(
     name="index",
     help="write the dataset's index, refusals and record",
-    inputs={"shards": "all shards (HDF5)"},
+    inputs={
+        "shards": "all shards (HDF5)",
+        "kept": "splits.tsv of an earlier dataset, to keep its splits",
+        "resolved": "configuration of the run, with every default filled in",
+    },
     outputs={
         "index": "index.tsv: one row per object, solidity and material",
+        "parquet": "index.parquet: the same rows",
+        "splits": "splits.tsv: one row per object, with the object whose copy it is",
         "refusals": "refusals.tsv: one row per refused object or body",
+        "card": "README.md: counts, sources, licences, ranges, limits, how to cite and to rebuild",
+        "overview": "overview.png: some of the objects",
+        "croissant": "croissant.json: the metadata dataset searches read",
         "record": "dataset.json: counts, materials, ranges, versions, checksums",
+        "config": "config.yaml: that configuration, beside the dataset",
+        "sums": "SHA256SUMS: checksums of all files, for `sha256sum -c`",
     },
     run=run,
+    options=IndexOptions,
     many=frozenset({"shards"}),
-    libraries=("numpy", "h5py"),
+    optional=frozenset({"kept", "resolved", "config"}),
+    libraries=("numpy", "h5py", "pillow", "pyarrow", "scipy"),
     per_object=False,
     passes_refusals=False,
 )

@@ -20,6 +20,19 @@ _UNITS = {
     "mode_shapes": "kg^-1/2",
 }
 
+#: What is kept of sampled materials. Damping follows from the parameters: ``d = ½(α + β ω²)``.
+SAMPLED_UNITS = {
+    "density_kg_m3": "kg/m³",
+    "young_pa": "Pa",
+    "poisson": "1",
+    "alpha_per_s": "1/s",
+    "beta_s": "s",
+    "mass_kg": "kg",
+    "frequencies_hz": "Hz",
+    "relative_error": "1",
+    "discretisation_error": "1",
+}
+
 
 def object_size(options: MaterialModes, clean_record: dict) -> tuple[float, str]:
     """Return the longest side in metres and who says so: as configured, else as the source states, else the default."""
@@ -34,7 +47,7 @@ def run(job: Job) -> None:
     """Solve every material of one body."""
     import h5py
 
-    from vibraverse.stages.basis import read_basis
+    from vibraverse.basisfile import read_basis
 
     size_m, size_origin = object_size(job.options, read_json(job.inputs["clean_record"]))
     scale_m = size_m / LONGEST_SIDE
@@ -70,6 +83,26 @@ def run(job: Job) -> None:
                 f"{modes.discretisation_error.max():.1e} by the elements"
                 + (", solved on the mesh" if directly else "")
             )
+        if job.options.sampled.count:
+            _write_sampled(h5, job, basis, scale_m)
+
+
+def _write_sampled(h5, job: Job, basis, scale_m: float) -> None:
+    """Solve the sampled materials and write them: an array per quantity, a row per material."""
+    from vibraverse.physics.materials import sampled
+    from vibraverse.physics.modes import solve_materials
+
+    options = job.options
+    drawn = sampled(job.object, options.sampled.seed, options.sampled.count, options.sampled.ranges())
+    solved = solve_materials(basis, drawn, scale_m, options.modes, options.corrected)
+    for key, unit in SAMPLED_UNITS.items():
+        dtype = "f4" if key.endswith("_error") else "f8"
+        array = h5.create_dataset(f"sampled/{key}", data={**drawn, **solved}[key].astype(dtype))
+        array.attrs["unit"] = unit
+    print(
+        f"{options.sampled.count} sampled materials: estimated error up to {solved['relative_error'].max():.1e} by the "
+        f"basis and {solved['discretisation_error'].max():.1e} by the elements"
+    )
 
 
 def _solved(job: Job, basis, material: dict, scale_m: float):

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from vibraverse.physics.elasticity import lame
+from vibraverse.physics.materials import lame
 from vibraverse.validation import spectra
 from vibraverse.validation.bodies import Body
 

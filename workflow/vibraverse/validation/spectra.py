@@ -15,7 +15,7 @@ from itertools import product
 
 import numpy as np
 
-from vibraverse.physics.elasticity import lame
+from vibraverse.physics.materials import lame
 
 #: Steps of ω a / c_s in which a determinant is searched for changes of sign.
 _STEP = 2e-3

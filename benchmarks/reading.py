@@ -1,0 +1,103 @@
+"""How fast a dataset is read: by field, and as a PyTorch Dataset with 0 and 2 workers.
+
+    .venv-learn/bin/python benchmarks/reading.py results/dataset [--seconds 5] [--workers 0 2]
+
+Items are read in a random order, over and over, for so many seconds each, and joined into batches of 16; files are
+warm. The last rows draw fresh materials from the stored basis, which costs a dense solve per item.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+
+from vibraverse.cli import set_threads
+
+set_threads(1)
+
+import h5py  # noqa: E402
+import numpy as np  # noqa: E402
+
+import vibraverse.dataset  # noqa: E402
+from vibraverse.dataset import schema  # noqa: E402
+
+_BATCH = 16
+FIELDS = ("frequencies_hz", "occupancy", "signed_distance", "views", "sound", "mode_shapes", "surface_basis")
+SETS = {
+    "frequencies, material": ["frequencies_hz", "young_pa", "density_kg_m3", "poisson"],
+    "the same, occupancy": ["frequencies_hz", "young_pa", "density_kg_m3", "poisson", "occupancy"],
+    "frequencies, signed distance": ["frequencies_hz", "signed_distance"],
+    "frequencies, views": ["frequencies_hz", "views"],
+}
+FRESH = {
+    "fresh: frequencies, material": ["frequencies_hz", "young_pa", "density_kg_m3", "poisson"],
+    "fresh: the same, occupancy": ["frequencies_hz", "young_pa", "density_kg_m3", "poisson", "occupancy"],
+}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("dataset")
+    parser.add_argument("--seconds", type=float, default=5.0)
+    parser.add_argument("--workers", type=int, nargs="+", default=[0, 2])
+    arguments = parser.parse_args()
+    _fields(arguments.dataset)
+    print(
+        f"\n| an item holds | {' | '.join(f'{count} workers, items/s' for count in arguments.workers)} |"
+        f"\n|{(1 + len(arguments.workers)) * ' --- |'}"
+    )
+    for fresh, sets in ((False, SETS), ({}, FRESH)):
+        for name, fields in sets.items():
+            rates = [_rate(arguments, fields, fresh, workers) for workers in arguments.workers]
+            print(f"| {name} | {' | '.join(f'{rate:,.0f}' for rate in rates)} |", flush=True)
+
+
+def _fields(dataset) -> None:
+    """Print what each field costs: bytes in memory and in the file, and the time of a read."""
+    print("| field | kB in memory | kB in the file | ms a read, median |\n|" + 4 * " --- |")
+    with vibraverse.dataset.open(dataset, FIELDS) as reader:
+        for name in FIELDS:
+            raw, stored, times = [], [], []
+            for item in reader.items:
+                place = {key: item[key] for key in ("object", "solidity", "material")}
+                start = time.perf_counter()
+                value = reader.read(name, **place)
+                times.append(time.perf_counter() - start)
+                raw.append(np.asarray(value).nbytes)
+                path = schema.BY_NAME[name].path.format(**place, look="clay", sound=item["material"])
+                stored.append(_stored(reader.group(item["object"])[path]))
+            print(
+                f"| `{name}` | {np.mean(raw) / 1024:,.0f} | {np.mean(stored) / 1024:,.0f} "
+                f"| {1000 * np.median(times):.2f} |"
+            )
+
+
+def _stored(dataset) -> int:
+    if h5py.check_vlen_dtype(dataset.dtype):
+        return sum(len(one) for one in dataset[()])
+    return dataset.id.get_storage_size()
+
+
+def _rate(arguments, fields, fresh, workers: int) -> float:
+    """Return items per second, the start of the workers not counted."""
+    import torch
+
+    data = vibraverse.dataset.torch_dataset(arguments.dataset, fields, fresh=fresh)
+    order = torch.utils.data.RandomSampler(data, replacement=True, num_samples=1_000_000)
+    loader = torch.utils.data.DataLoader(data, batch_size=_BATCH, sampler=order, num_workers=workers)
+    batches = iter(loader)
+    for _ in itertools.islice(batches, 4 * max(workers, 1)):  # the workers' start, and what they fetch ahead
+        pass
+    start = time.perf_counter()
+    count = 0
+    while time.perf_counter() - start < arguments.seconds:
+        next(batches)
+        count += _BATCH
+    return count / (time.perf_counter() - start)
+
+
+if __name__ == "__main__":
+    main()

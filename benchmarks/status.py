@@ -1,0 +1,62 @@
+"""How long `vibraverse status` takes for many objects, all of them fake: files with names and nothing in them.
+
+python benchmarks/status.py [objects]
+"""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from vibraverse.config import parse
+from vibraverse.lineage import jobs
+from vibraverse.plan import Plan
+from vibraverse.refusal import Refusal
+from vibraverse.targets import object_products
+
+ROW = "s\th:m:s\tmax_rss\n2.5\t0:00:02\t100\n"
+
+
+def main() -> None:
+    count = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+        Path("config.yaml").write_text(f"sources: {{generated: {{count: {count}}}, bundled: []}}\n")
+        plan = Plan(parse({"sources": {"generated": {"count": count}, "bundled": []}}))
+        for number, object_id in enumerate(plan.objects):
+            fake(plan, object_id, number)
+        for state in ("after writing them", "again"):
+            started, used = time.perf_counter(), os.times()
+            done = subprocess.run(
+                [sys.executable, "-m", "vibraverse", "status"], check=True, capture_output=True, text=True
+            )
+            wall, now = time.perf_counter() - started, os.times()
+            cpu = now.children_user + now.children_system - used.children_user - used.children_system
+            print(f"{count} objects, {state}: {wall:.2f} s, CPU {cpu:.2f} s")
+        print(done.stdout)
+
+
+def fake(plan: Plan, object_id: str, number: int) -> None:
+    """Write an object: of ten, seven done, one refused, one half done, one missing."""
+    kind = number % 10
+    if kind == 9:
+        return
+    refusal = Refusal(object_id, "clean", "not_a_solid", "It is flat.").to_text() if kind == 8 else ""
+    sources = [str(path) for path in jobs(plan.paths, object_id)[0].outputs]
+    products = [*sources, *object_products(plan, object_id)]
+    for path in products[:12] if kind == 7 else products:
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        with open(path, "w") as file:
+            file.write("" if path in sources else refusal)
+    folder = Path(f"results/benchmarks/{object_id}")
+    folder.mkdir(parents=True)
+    for made in jobs(plan.paths, object_id):
+        (folder / ".".join(part for part in (made.step.stage, made.solidity, "tsv") if part)).write_text(ROW)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,283 @@
+"""``vibraverse check``: every byte is covered, the wrong object is named, and numbers are made again."""
+
+from __future__ import annotations
+
+import json
+import random
+import shutil
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import make_products
+from vibraverse.dataset import check
+from vibraverse.dataset.checksums import checksums
+from vibraverse.products import sha256
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> Path:
+    return Path(make_products.build(tmp_path_factory.mktemp("check") / "results").dataset)
+
+
+@pytest.fixture
+def dataset(whole, tmp_path) -> Path:
+    return Path(shutil.copytree(whole, tmp_path / "dataset"))
+
+
+@pytest.fixture
+def in_this_process(monkeypatch):
+    """Look into shards here: the child process of every flip would cost a second."""
+    monkeypatch.setattr(check, "run_limited", lambda function, *arguments, **_: function(*arguments))
+
+
+def flip(path: Path, place: int, bit: int = 0) -> None:
+    content = bytearray(path.read_bytes())
+    content[place] ^= 1 << bit
+    path.write_bytes(content)
+
+
+def rewrite(dataset: Path, shard: str, change) -> None:
+    """Change a shard's content and make all its checksums right, as a wrong program would."""
+    with h5py.File(dataset / "shards" / shard, "r+") as h5:
+        change(h5["objects"])
+        for group in h5["objects"].values():
+            del group["checksums"]
+            group["checksums"] = json.dumps(checksums(group))
+    record = json.loads((dataset / "dataset.json").read_text())
+    for name in record["shards"]:
+        record["shards"][name]["sha256"] = sha256(dataset / "shards" / name)
+    (dataset / "dataset.json").write_text(json.dumps(record))
+    names = [line[66:] for line in (dataset / "SHA256SUMS").read_text().splitlines()]
+    (dataset / "SHA256SUMS").write_text("".join(f"{sha256(dataset / name)}  {name}\n" for name in names))
+
+
+def test_a_whole_dataset_passes_with_everything_made_again(whole, vibraverse):
+    status, out, _ = vibraverse("check", whole, "--sample", "1")
+    assert (status, out) == (
+        0,
+        f"{whole} is as it was written, and agrees with itself (100% of its items made again).\n",
+    )
+    assert vibraverse("check", whole / "shards/1.h5")[0] == 0
+
+
+def test_a_hundred_flipped_bytes_are_found(dataset, in_this_process):
+    """Anywhere in a shard, be it data, structure or padding."""
+    draw = random.Random(1)
+    for _ in range(100):
+        name = draw.choice(["0.h5", "1.h5"])
+        shard = dataset / "shards" / name
+        kept = shard.read_bytes()
+        flip(shard, draw.randrange(len(kept)), draw.randrange(8))
+        found = list(check.findings(dataset))
+        assert found
+        assert {finding.file for finding in found} == {f"shards/{name}"}
+        shard.write_bytes(kept)
+    assert list(check.findings(dataset)) == []
+
+
+def stored(h5) -> list[tuple[str, int, int]]:
+    """Return object, place in the file and length of every array in a shard."""
+    found = []
+
+    def visit(name, item):
+        if isinstance(item, h5py.Dataset) and item.dtype.kind != "O":
+            chunks = item.id.get_num_chunks() if item.chunks else 0
+            where = [item.id.get_chunk_info(number) for number in range(chunks)]
+            places = [(one.byte_offset, one.size) for one in where] or [(item.id.get_offset(), item.nbytes)]
+            found.extend((name.split("/")[0], *place) for place in places if place[0] is not None)
+
+    h5["objects"].visititems(visit)
+    return found
+
+
+def test_a_hundred_flips_in_arrays_name_their_object(dataset, in_this_process):
+    draw = random.Random(2)
+    arrays = {}
+    for shard in sorted((dataset / "shards").iterdir()):
+        with h5py.File(shard) as h5:
+            arrays[shard] = stored(h5)
+    for _ in range(100):
+        shard = draw.choice(list(arrays))
+        object_id, start, length = draw.choice(arrays[shard])
+        kept = shard.read_bytes()
+        flip(shard, start + draw.randrange(length), draw.randrange(8))
+        first = next(check.findings(dataset))
+        assert (first.file, first.object) == (f"shards/{shard.name}", object_id), first
+        shard.write_bytes(kept)
+
+
+def test_a_wrong_byte_is_said_in_one_line_and_the_exit_code(dataset, vibraverse):
+    shard = dataset / "shards/1.h5"
+    with h5py.File(shard) as h5:
+        place = h5["objects/bar-0000/solid/materials/steel/frequencies_hz"].id.get_offset()
+    flip(shard, place + 4)
+    status, out, _ = vibraverse("check", dataset)
+    assert status == 1
+    assert out.startswith(
+        "shards/1.h5: bar-0000: not as it was written: solid/materials/steel/frequencies_hz\n"
+    )
+
+
+def test_a_shard_that_hdf5_cannot_open_is_a_finding(dataset):
+    (dataset / "shards/0.h5").write_bytes(b"\0" * 1000)
+    (finding,) = check.findings(dataset)
+    assert str(finding).startswith("shards/0.h5: HDF5 cannot open it")
+
+
+def test_a_crash_of_hdf5_is_a_finding(dataset, monkeypatch):
+    monkeypatch.setattr(check, "_inside", crash)
+    flip(dataset / "shards/0.h5", 100)
+    (finding,) = check.findings(dataset)
+    assert str(finding).startswith("shards/0.h5: reading it crashed (SIGSEGV)")
+
+
+def crash(path: str, share: float):
+    import os
+    import signal
+
+    if path.endswith("0.h5"):
+        os.kill(os.getpid(), signal.SIGSEGV)
+    return []
+
+
+@pytest.mark.parametrize("name", ["index.tsv", "index.parquet", "refusals.tsv", "dataset.json", "SHA256SUMS"])
+def test_flips_beside_the_shards_are_found(dataset, name):
+    draw = random.Random(3)
+    path = dataset / name
+    kept = path.read_bytes()
+    for _ in range(25):
+        flip(path, draw.randrange(len(kept)), draw.randrange(8))
+        found = list(check.findings(dataset))
+        # Of dataset.json and its line in SHA256SUMS either may be the wrong one.
+        assert any(name in str(finding) for finding in found), found
+        assert not any(finding.file.startswith("shards/") for finding in found), found
+        path.write_bytes(kept)
+
+
+def test_a_wrong_line_of_the_index_names_its_object(dataset):
+    index = dataset / "index.tsv"
+    index.write_text(index.read_text().replace("bar-0000\tsolid\twood", "bar-0000\tsolid\tgold"))
+    (finding,) = check.findings(dataset)
+    assert (finding.file, finding.object) == ("index.tsv", "bar-0000")
+
+
+def test_lost_and_strange_files_are_named(dataset):
+    shutil.copy(dataset / "shards/1.h5", dataset / "shards/7.h5")
+    (dataset / "shards/1.h5").unlink()
+    found = [str(finding) for finding in check.findings(dataset)]
+    assert "shards/1.h5: it is not there, but dataset.json and SHA256SUMS list it" in found
+    assert "dataset.json: it does not list shards/7.h5" in found
+
+
+def scaled(path: str, factor: float):
+    def change(objects):
+        objects[path][...] = objects[path][()] * factor
+
+    return change
+
+
+def without(path: str):
+    def change(objects):
+        del objects[path]
+
+    return change
+
+
+def with_attribute(path: str, name: str, value):
+    def change(objects):
+        objects[path].attrs[name] = value
+
+    return change
+
+
+def with_text(path: str, text: str):
+    def change(objects):
+        del objects[path]
+        objects[path] = text
+
+    return change
+
+
+STEEL = "bar-0000/solid/materials/steel"
+
+
+@pytest.mark.parametrize(
+    ("change", "sentence"),
+    [
+        (without("bar-0000/grids/occupancy"), "grids/occupancy is missing"),
+        (without(f"{STEEL}/damping_per_s"), "solid/materials/steel/damping_per_s is missing"),
+        (scaled("bar-0000/surface/vertices", 2.0), "surface/vertices holds numbers from -1.8 to 1.8, outside [-1, 1]"),
+        (scaled(f"{STEEL}/frequencies_hz", np.nan), "frequencies_hz holds 64 numbers that are not finite"),
+        (scaled(f"{STEEL}/damping_per_s", 1.001), "steel: damping_per_s is not ½(α + β ω²)"),
+        (with_attribute(STEEL, "mass_kg", 1.0), "steel: mass_kg = 1 is not density times volume"),
+        (with_attribute(STEEL, "poisson", 0.5), "solid/materials/steel@poisson holds numbers from 0.5 to 0.5"),
+        (with_attribute("bar-0000/solid", "size_m", 1.0), "solid: scale_m = 0.1 is not size_m / 1.8"),
+        (scaled("bar-0000/solid/basis/reduced/mu", 1.001), "but the stored basis gives"),
+        (scaled("bar-0000/solid/sounds/steel", 0.999), "the sound steel differs by"),
+        (with_attribute("bar-0000", "title", 3), "@title is no text"),
+        (with_text("bar-0000/clean", "{"), "clean holds no record (JSON)"),
+        (with_attribute("bar-0000", "category", "spoon"), "the index says category = 'bar', the group 'spoon'"),
+    ],
+)  # fmt: skip
+def test_what_no_checksum_can_tell_is_found(dataset, change, sentence):
+    rewrite(dataset, "1.h5", change)
+    found = list(check.findings(dataset, share=1.0))
+    assert found
+    assert {(finding.file, finding.object) for finding in found} == {("shards/1.h5", "bar-0000")}
+    assert any(sentence in finding.sentence for finding in found), found
+
+
+def test_shapes_agree_with_each_other(dataset):
+    def change(objects):
+        place = objects[f"{STEEL}/mode_shapes"]
+        unit, shapes = place.attrs["unit"], place[:, :-1]
+        del objects[f"{STEEL}/mode_shapes"]
+        objects[f"{STEEL}/mode_shapes"] = shapes
+        objects[f"{STEEL}/mode_shapes"].attrs["unit"] = unit
+
+    rewrite(dataset, "1.h5", change)
+    (finding,) = check.findings(dataset)
+    assert (
+        "solid/materials/steel/mode_shapes has shape (64, 25, 3), not (m, V, 3) with V = 26"
+        in finding.sentence
+    )
+
+
+def test_an_older_schema_is_one_sentence(dataset, vibraverse, tmp_path):
+    shard = dataset / "shards/1.h5"
+    with h5py.File(shard, "r+") as h5:
+        h5.attrs["format_version"] = 1
+    sentence = (
+        "it follows version 1 of the schema and this is version 2; delete it and run the workflow again"
+    )
+    status, out, _ = vibraverse("check", shard)
+    assert status == 1
+    assert out.startswith(f"1.h5: {sentence}")
+    outputs = [
+        part
+        for name in (
+            "index",
+            "parquet",
+            "splits",
+            "refusals",
+            "record",
+            "card",
+            "overview",
+            "croissant",
+            "sums",
+        )
+        for part in (f"--{name}", tmp_path / name)
+    ]
+    status, _, errors = vibraverse("index", "--shards", shard, *outputs)
+    assert status == 2
+    assert errors.splitlines()[-1].startswith(f"vibraverse: index: {shard}: {sentence}")
+    assert not any((tmp_path / name).exists() for name in ("index", "parquet", "record", "sums"))
+
+
+def test_no_dataset_is_one_sentence(tmp_path, vibraverse):
+    status, _, errors = vibraverse("check", tmp_path)
+    assert status == 2
+    assert "holds no finished dataset" in errors

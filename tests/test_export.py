@@ -1,0 +1,170 @@
+"""Exports: other programs' forms, holding what the dataset holds."""
+
+from __future__ import annotations
+
+import io
+import json
+import tarfile
+
+import numpy as np
+import pytest
+import soundfile
+
+import make_products
+import vibraverse.dataset
+from vibraverse.products import read_json, sha256
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    results = tmp_path_factory.mktemp("export") / "results"
+    make_products.build(results)
+    return results / "dataset"
+
+
+@pytest.fixture
+def export(folder, tmp_path, vibraverse):
+    def call(*arguments, status=0):
+        found, out, err = vibraverse("export", folder, "-o", tmp_path / "out", *arguments)
+        assert found == status, err
+        return tmp_path / "out", out if status == 0 else err
+
+    return call
+
+
+def samples(tars) -> dict[str, dict[str, bytes]]:
+    """Group the members of tars as WebDataset does: by the name up to the first dot."""
+    found: dict[str, dict[str, bytes]] = {}
+    for path in sorted(tars):
+        with tarfile.open(path) as tar:
+            for member in tar:
+                key, _, kind = member.name.partition(".")
+                found.setdefault(key, {})[kind] = tar.extractfile(member).read()
+    return found
+
+
+def test_webdataset_holds_every_item(export, folder):
+    out, _ = export(
+        "--format", "webdataset", "--fields", "frequencies_hz,young_pa,occupancy,sound,views,clean"
+    )
+    found = samples(out.glob("*.tar"))
+    assert len(found) == 12
+    item = found["bar-0000__hollow__wood"]
+    assert set(item) == {"json", "frequencies_hz.npy", "occupancy.npy", "wav", "00.png", "01.png", "02.png"}
+    with vibraverse.dataset.open(folder) as reader:
+        place = ("bar-0000", "hollow", "wood")
+        array = np.load(io.BytesIO(item["frequencies_hz.npy"]))
+        np.testing.assert_array_equal(array, reader.read("frequencies_hz", *place))
+        samples_, rate = soundfile.read(io.BytesIO(item["wav"]), dtype="float32")
+        np.testing.assert_array_equal(samples_, reader.read("sound", *place))
+        assert rate == reader.read("sample_rate_hz", *place)
+        assert item["01.png"] == reader.group("bar-0000")["views/clay"][1].tobytes()
+        about = json.loads(item["json"])
+        assert about["young_pa"] == 1.1e10
+        assert about["clean"] == reader.read("clean", "bar-0000")
+        splits = {one["object"]: one["split"] for one in reader.items}
+    assert about["split"] == splits["bar-0000"]
+    for path in out.glob("*.tar"):
+        objects = {key.split("__")[0] for key in samples([path])}
+        assert {splits[one] for one in objects} == {path.name.split("-0")[0]}
+    record = read_json(out / "export.json")
+    assert record["items"] == 12
+    assert {name: about["sha256"] for name, about in record["files"].items()} == {
+        path.name: sha256(path) for path in out.glob("*.tar")
+    }
+
+
+def test_files_are_bounded_and_repeat_to_the_byte(export, folder, tmp_path, vibraverse):
+    arguments = ("--format", "webdataset", "--fields", "occupancy,mode_shapes,views", "--max-mb", 0.2)
+    out, _ = export(*arguments)
+    assert len(list(out.glob("*.tar"))) > 3
+    assert all(path.stat().st_size < 0.22 * 2**20 for path in out.glob("*.tar"))
+    assert vibraverse("export", folder, "-o", tmp_path / "again", *arguments)[0] == 0
+    assert read_json(out / "export.json") == read_json(tmp_path / "again/export.json")
+    assert len(samples(out.glob("*.tar"))) == 12
+
+
+@pytest.mark.parametrize("form", ["jsonl", "parquet"])
+def test_huggingface_rows_and_media(export, folder, form):
+    if form == "parquet":
+        parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
+    more = ("--parquet", "--fields", "frequencies_hz,signed_distance,sound") if form == "parquet" else ()
+    out, _ = export("--format", "huggingface", "--sampled", *more)
+    rows = []
+    for path in sorted(out.glob(f"data/*.{form}")):
+        if form == "parquet":
+            rows += parquet.read_table(path).to_pylist()
+        else:
+            rows += [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+    assert len(rows) == 12 + 9
+    row = next(
+        one
+        for one in rows
+        if (one["object"], one["solidity"], one["material"]) == ("bar-0000", "solid", "wood")
+    )
+    sampled = next(one for one in rows if one["material"] == "sampled-0001")
+    assert sampled["sound"] is None
+    assert len({frozenset(one) for one in rows}) == 1
+    with vibraverse.dataset.open(folder) as reader:
+        np.testing.assert_array_equal(
+            row["frequencies_hz"], reader.read("frequencies_hz", "bar-0000", "solid", "wood")
+        )
+        heard = soundfile.read(out / row["sound"], dtype="float32")[0]
+        np.testing.assert_array_equal(heard, reader.read("sound", "bar-0000", "solid", "wood"))
+        if form == "parquet":
+            distance = np.array(row["signed_distance"], dtype=np.float32)
+            np.testing.assert_array_equal(distance, reader.read("signed_distance", "bar-0000"))
+        else:
+            assert (out / row["views"][1]).read_bytes() == reader.group("bar-0000")["views/clay"][1].tobytes()
+        splits = sorted({one["split"] for one in reader.items})
+    text = (out / "README.md").read_text(encoding="utf-8")
+    assert text.startswith("---\nconfigs:\n")
+    for split in splits:
+        assert f"  - split: {split}\n    path: data/{split}-*.{form}\n" in text
+
+
+def test_narrowed(export):
+    out, said = export("--format", "webdataset", "--where", "material=steel,wood", "solidity=solid")
+    assert sorted(samples(out.glob("*.tar"))) == [
+        f"{name}-0000__solid__{material}" for name in ("ball", "bar") for material in ("steel", "wood")
+    ]
+    assert said.splitlines()[-1].startswith("4 items in ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("--format", "huggingface", "--fields", "signed_distanse"), "did you mean 'signed_distance'?"),
+        (("--format", "webdataset", "--where", "material"), "--where takes COLUMN=VALUE, not 'material'"),
+        (
+            ("--format", "webdataset", "--where", "materal=wood"),
+            "unknown column 'materal'; did you mean 'material'?",
+        ),
+        (("--format", "webdataset", "--where", "material=tin"), "holds no such items"),
+        (("--format", "webdataset", "--parquet"), "--parquet goes with --format huggingface"),
+        (("--format", "webdataset", "--max-mb", "0"), "--max-mb must be greater than 0, not 0"),
+    ],
+)
+def test_a_mistake_is_one_sentence(export, arguments, words):
+    _, said = export(*arguments, status=2)
+    assert words in said
+    assert len(said.strip().splitlines()) == 1
+
+
+def test_what_is_there_is_not_overwritten(export, tmp_path):
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out/mine").write_text("mine")
+    _, said = export("--format", "webdataset", status=2)
+    assert "is not empty; name a new folder" in said
+
+
+def test_an_array_too_large_for_json_is_said(export, monkeypatch):
+    monkeypatch.setattr("vibraverse.dataset.export._MOST_AS_TEXT", 4095)
+    _, said = export("--format", "huggingface", "--fields", "sound,signed_distance", status=2)
+    assert "signed_distance holds 4,096 numbers for every item" in said
+    assert "--parquet or --format webdataset" in said
+
+
+def test_what_fails_leaves_nothing(export, tmp_path):
+    export("--format", "webdataset", "--fields", "sound,boundary_faces", status=2)  # a ball has none
+    assert list(tmp_path.iterdir()) == []

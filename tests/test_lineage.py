@@ -1,0 +1,241 @@
+"""Where products come from, which are wrong, what is made again: ``provenance``, ``repair``, ``refusals --retry``."""
+
+from __future__ import annotations
+
+import importlib
+import json
+import os
+import shlex
+import shutil
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from vibraverse import products
+from vibraverse.lineage import jobs
+from vibraverse.paths import Paths
+from vibraverse.refusal import Refusal, read_refusal
+from workflow_runs import Run
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory, root):
+    """An undisturbed run."""
+    run = Run(tmp_path_factory.mktemp("finished"), root)
+    run()
+    return run
+
+
+@pytest.fixture
+def run(finished, tmp_path):
+    """A copy of the finished run, to break."""
+    shutil.copytree(finished.folder / "results", tmp_path / "results")  # keeps the files' times
+    shutil.copytree(finished.folder / ".snakemake", tmp_path / ".snakemake")
+    return Run(tmp_path, finished.root)
+
+
+def rot(path: Path) -> None:
+    """Change one byte and not the time, as a disk does."""
+    times, content = path.stat(), bytearray(path.read_bytes())
+    content[len(content) // 2] ^= 1
+    path.write_bytes(content)
+    os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+
+
+BODY = "results/objects/bar-0000"
+
+
+@pytest.mark.parametrize(
+    ("broken", "made_by", "jobs"),
+    [
+        (f"{BODY}/source.mesh", "sources of bar-0000", {"sources": 1, "clean": 1, "hollow": 1, "tets": 2}),
+        (f"{BODY}/coarse.obj", "grids of bar-0000", {"grids": 1, "hollow": 1, "clean": None}),
+        (f"{BODY}/solid/tets.msh", "tets of bar-0000 (solid)", {"tets": 1, "basis": 1, "modes": 1, "hollow": None}),
+        (f"{BODY}/hollow/basis.h5", "basis of bar-0000 (hollow)", {"basis": 1, "modes": 1, "tets": None}),
+        (f"{BODY}/hollow/modes.h5", "modes of bar-0000 (hollow)", {"modes": 1, "audio": 1, "basis": None}),
+        (f"{BODY}/hollow/sounds/wood.wav", "audio of bar-0000 (hollow)", {"audio": 1, "modes": None}),
+        (f"{BODY}/views/clay-00.png", "images of bar-0000", {"images": 1, "clean": None}),
+        ("results/dataset/index.tsv", "index", {"index": 1, "dataset": None, "audio": None}),
+        ("results/dataset/shards", "dataset", {"dataset": 1, "index": 1, "audio": None}),
+    ],
+)  # fmt: skip
+def test_what_is_wrong_is_said_deleted_and_planned_again(run, vibraverse, broken, made_by, jobs):
+    path = run.folder / broken
+    path = next(path.glob("*.h5")) if path.is_dir() else path
+    rot(path)
+    results = run.folder / "results"
+    status, out, _ = vibraverse("repair", "--results", results)
+    assert status == 1
+    assert out.startswith(f"{path}: ")
+    assert f"made by {made_by}, with" in out
+    assert out.count("made by") == 1
+    status, out, _ = vibraverse("repair", "--results", results, "--delete")
+    assert status == 0
+    assert not path.exists()
+    planned = run.plan()[0]
+    assert {name: planned.get(name) for name in jobs} == jobs
+    assert planned["report"] == planned["verdict"] == planned["index"] == 1
+
+
+def test_a_repaired_run_ends_with_the_same_bytes(finished, run, vibraverse):
+    for name in ("objects/bar-0000/solid/tets.msh", "objects/bar-0000/views/clay-00.png"):
+        rot(run.folder / "results" / name)
+    rot(next((run.folder / "results/dataset/shards").glob("*.h5")))
+    assert vibraverse("repair", "--results", run.folder / "results", "--delete")[0] == 0
+    run()
+    assert run.checksums() == finished.checksums()
+    assert vibraverse("repair", "--results", run.folder / "results")[1].startswith("Nothing is wrong")
+
+
+def test_what_the_next_run_makes_anew_is_not_wrong(run, vibraverse):
+    """A product that is newer than what was made from it waits for the next run, and is no damage."""
+    grids = run.folder / BODY / "solid/modes.h5"
+    rot(grids)
+    os.utime(grids)
+    status, out, _ = vibraverse("repair", "--results", run.folder / "results")
+    assert (status, out.splitlines()[0][:16]) == (0, "Nothing is wrong")
+    assert run.plan()[0]["audio"] == 1
+
+
+def test_retried_refusals_run_again_in_a_finished_run(run, vibraverse):
+    """The report is there and up to date; yet the refused products must be made again."""
+    paths = Paths(run.folder / "results")
+    for made in jobs(paths, "bar-0000"):
+        if made.solidity == "hollow" and made.step.stage != "tets":
+            times = made.record.stat()
+            for path in made.outputs:
+                products.write_text(path, Refusal("bar-0000", "basis", "solve_failed", "No.").to_text())
+                os.utime(path, ns=(times.st_atime_ns, times.st_mtime_ns))
+    assert read_refusal(run.folder / BODY / "hollow/modes.h5")
+    assert run.plan()[0] == {}
+    assert vibraverse("refusals", "--results", run.folder / "results", "--retry")[0] == 0
+    planned = run.plan()[0]
+    assert {name: planned.get(name) for name in ("basis", "modes", "audio", "dataset", "report")} == {
+        "basis": 1, "modes": 1, "audio": 1, "dataset": 1, "report": 1,
+    }  # fmt: skip
+
+
+def options_of(words: list[str]) -> tuple[list[str], str]:
+    """Return the words of a command without options and threads, and its options."""
+    words, options = list(words), "{}"
+    for name in ("--options", "--threads"):
+        if name in words:
+            place = words.index(name)
+            value = words[place + 1]
+            del words[place : place + 2]
+            options = value if name == "--options" else options
+    return words, options
+
+
+def test_the_table_of_stages_says_what_the_rules_do(finished, monkeypatch):
+    monkeypatch.chdir(finished.folder)
+    made_by_stage = {made.step.stage for made in jobs(Paths("results"), "bar-0000")}
+    assert made_by_stage == {
+        "sources",
+        "clean",
+        "grids",
+        "images",
+        "hollow",
+        "tets",
+        "basis",
+        "modes",
+        "audio",
+    }
+    for made in jobs(Paths("results"), "bar-0000"):
+        name = ".".join(part for part in (made.step.stage, made.solidity, "log") if part)
+        logged = Path("results/logs/bar-0000", name).read_text().splitlines()[0]
+        words, options = options_of(shlex.split(logged))
+        found, found_options = options_of(shlex.split(made.command()))
+        assert sorted(found) == sorted(words)
+        section = importlib.import_module(f"vibraverse.stages.{made.step.stage}").STAGE.options
+        assert section.model_validate_json(found_options) == section.model_validate_json(options)
+
+
+def test_the_commands_of_a_product_make_it_again(finished, run, vibraverse, monkeypatch):
+    monkeypatch.chdir(run.folder)
+    status, out, _ = vibraverse("provenance", "results/objects/bar-0000/solid/sounds/steel.wav", "--commands")
+    assert status == 0
+    commands = out.splitlines()
+    assert [shlex.split(line)[1] for line in commands] == [
+        "sources",
+        "clean",
+        "tets",
+        "basis",
+        "modes",
+        "audio",
+    ]
+    shutil.rmtree("results/objects/bar-0000/solid")
+    for command in commands:
+        subprocess.run(shlex.split(command), check=True, capture_output=True, env=run.environment)
+    assert run.checksums() == finished.checksums()
+
+
+@pytest.mark.parametrize("file", ["dataset/shards", "dataset/index.tsv", "report/index.html", "verdict.json"])
+def test_what_is_made_of_all_objects_leads_back_to_their_sources(finished, vibraverse, monkeypatch, file):
+    monkeypatch.chdir(finished.folder)
+    path = Path("results") / file
+    status, out, _ = vibraverse("provenance", next(path.glob("*.h5")) if path.is_dir() else path)
+    assert status == 0
+    assert out.startswith("sources of bar-0000: sources, version ")
+    assert "    from   generated, bar-0000.ply, licence CC0-1.0\n" in out
+    assert out.splitlines()[-1].startswith("    again  vibraverse ")
+    assert ", changed since" not in out
+
+
+def test_a_dataset_alone_states_where_its_objects_come_from(finished, tmp_path, vibraverse, monkeypatch):
+    """A published dataset: no objects' folders, no logs."""
+    shutil.copytree(finished.folder / "results/dataset", tmp_path / "dataset")
+    monkeypatch.chdir(tmp_path)
+    shard = next(Path("dataset/shards").glob("*.h5"))
+    _, here, _ = vibraverse("provenance", shard, "--commands")
+    monkeypatch.chdir(finished.folder / "results")
+    _, there, _ = vibraverse("provenance", shard, "--commands")
+    assert [line.split()[:2] for line in here.splitlines()] == [
+        line.split()[:2] for line in there.splitlines()
+    ]
+    monkeypatch.chdir(tmp_path)
+    assert (
+        "    from   generated, bar-0000.ply, licence CC0-1.0\n"
+        in vibraverse("provenance", "dataset/dataset.json")[1]
+    )
+
+
+def test_a_change_since_is_said(run, vibraverse, monkeypatch):
+    monkeypatch.chdir(run.folder)
+    rot(Path(BODY, "solid/tets.msh"))
+    _, out, _ = vibraverse("provenance", f"{BODY}/solid/modes.h5")
+    assert sum(line.endswith(", changed since") for line in out.splitlines()) == 2  # for basis and for modes
+
+
+def test_the_configuration_lies_beside_the_dataset_and_plans_the_same_run(run, vibraverse):
+    config = run.folder / "results/dataset/config.yaml"
+    record = json.loads((run.folder / "results/dataset/dataset.json").read_text())
+    assert record["files"]["config.yaml"]["sha256"] == products.sha256(config)
+    assert vibraverse("config", "check", config)[0] == 0
+    run.config = {}
+    assert run.plan("--configfile", str(config))[0] == {}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("nowhere.h5",), "there is no file nowhere.h5"),
+        (("config.yaml",), "config.yaml lies in no results folder"),
+        (("results/objects/bar-0000/other.txt",), "is no product of a stage"),
+        (("results/dataset/index.tsv", "--object", "bar-0001"), "index.tsv holds no object 'bar-0001'"),
+    ],
+)  # fmt: skip
+def test_mistakes_are_one_sentence(run, vibraverse, monkeypatch, arguments, sentence):
+    monkeypatch.chdir(run.folder)
+    Path("config.yaml").touch()
+    Path("results/objects/bar-0000/other.txt").touch()
+    status, _, errors = vibraverse("provenance", *arguments)
+    assert status == 2
+    assert sentence in errors
+
+
+def test_nothing_there_is_one_sentence(tmp_path, vibraverse):
+    status, _, errors = vibraverse("repair", "--results", tmp_path)
+    assert status == 2
+    assert "there is nothing in" in errors

@@ -1,0 +1,127 @@
+"""``vibraverse status``: states of objects and jobs, by the products that there are."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from vibraverse import guard, progress
+from vibraverse.config import parse
+from vibraverse.plan import Plan
+from vibraverse.refusal import Refusal
+from vibraverse.targets import object_products
+
+CONFIG = """
+sources: {generated: {count: 4, families: [bar]}, bundled: []}
+materials: {steel: , wood: }
+images: {views: 2, looks: [clay]}
+"""
+DONE, PARTLY, GONE, MISSING = (f"bar-000{number}" for number in range(4))
+
+
+@pytest.fixture
+def plan(tmp_path, monkeypatch) -> Plan:
+    """Four objects: all there, the hollow body refused, all refused, nothing there."""
+    monkeypatch.chdir(tmp_path)
+    Path("config.yaml").write_text(CONFIG)
+    plan = Plan(parse({
+        "sources": {"generated": {"count": 4, "families": ["bar"]}, "bundled": []},
+        "materials": {"steel": None, "wood": None}, "images": {"views": 2, "looks": ["clay"]},
+    }))  # fmt: skip
+    for object_id in (DONE, PARTLY, GONE):
+        for path in [f"results/objects/{object_id}/source.mesh", *object_products(plan, object_id)]:
+            refused = object_id == GONE or (object_id == PARTLY and "/hollow/" in path)
+            stage = "clean" if object_id == GONE else "hollow"
+            refusal = Refusal(
+                object_id, stage, "not_a_solid" if object_id == GONE else "too_thin", "No."
+            ).to_text()
+            write(path, refusal if refused and "source" not in path else "a product")
+        write(f"results/benchmarks/{object_id}/basis.solid.tsv", "s\th:m:s\n30.0\t0:00:30\n")
+        write(f"results/benchmarks/{object_id}/audio.solid.tsv", "s\th:m:s\n60.0\t0:01:00\n")
+    return plan
+
+
+def write(path: str, text: str = "") -> None:
+    Path(path).parent.mkdir(parents=True, exist_ok=True)
+    Path(path).write_text(text)
+
+
+def test_objects_and_jobs_are_counted_by_state(plan):
+    found = progress.survey(plan, None)
+    assert found.objects == {"done": 2, "refused": 1, "missing": 1}
+    assert found.in_part == 1
+    assert found.jobs["sources"] == {"done": 3, "waiting": 1}
+    assert found.jobs["clean"] == {"done": 2, "refused": 1, "waiting": 1}
+    assert found.jobs["hollow"] == {"done": 1, "refused": 2, "waiting": 1}
+    assert found.jobs["modes"] == {"done": 3, "refused": 3, "waiting": 2}
+    assert found.left() == {
+        stage: 2 if stage in ("tets", "basis", "modes", "audio") else 1 for stage in found.jobs
+    }
+    assert {(row["object"], row["stage"], row["reason"]) for row in found.refusals} == {
+        (PARTLY, "hollow", "too_thin"), (GONE, "clean", "not_a_solid"),
+    }  # fmt: skip
+
+
+def test_a_job_is_done_when_all_its_products_are_there(plan):
+    Path(f"results/objects/{DONE}/solid/sounds/wood.wav").unlink()
+    found = progress.survey(plan, None)
+    assert found.objects == {"done": 1, "refused": 1, "missing": 1, "begun": 1}
+    assert found.jobs["audio"] == {"done": 2, "refused": 3, "waiting": 3}
+
+
+def test_running_and_stopped_jobs_are_told_by_their_logs(plan):
+    for product in ("tets.msh", "basis.h5", "modes.h5", "sounds/audio.json"):
+        Path(f"results/objects/{DONE}/solid/{product}").unlink()
+    log = f"results/logs/{DONE}/tets.solid.log"
+    later = f"results/logs/{DONE}/basis.solid.log"  # of an earlier time: its input is not even there
+    write(log, "vibraverse tets\n")
+    write(later, "vibraverse basis\n")
+    os.utime(log, (1000, 1000))
+    stopped = progress.survey(plan, None)
+    assert stopped.stopped == [log]
+    assert stopped.jobs["tets"]["stopped"] == 1
+    assert stopped.jobs["basis"]["stopped"] == 0
+    assert progress.survey(plan, 900.0).jobs["tets"]["running"] == 1
+    waiting = progress.survey(plan, 1100.0)
+    assert (waiting.running, waiting.jobs["tets"]["waiting"], waiting.stopped) == (0, 3, [])
+
+
+def test_time_left_comes_from_the_benchmarks(plan):
+    means = progress.mean_seconds(plan)
+    assert means == {"basis": 30.0, "audio": 60.0}
+    seconds, unknown = progress.seconds_left(progress.survey(plan, None), means)
+    assert seconds == 2 * 30 + 2 * 60
+    assert unknown == ["clean", "grids", "hollow", "images", "modes", "sources", "tets"]
+
+
+def test_the_command_says_it_all(plan, vibraverse):
+    write("results/objects/cup-0000/source.json", "{}")
+    status, out, _ = vibraverse("status")
+    assert status == 0
+    assert out.startswith("4 objects: 2 done, 0 begun, 1 not begun, 1 refused, 1 more in part\n")
+    assert "    refused at clean: not_a_solid, 1\n" in out
+    assert "    1 more in results/objects, which the configuration does not name\n" in out
+    assert "modes             3        3        0        0        2\n" in out
+    assert "dataset: 0 of 3 shards, index missing, report missing\n" in out
+    assert out.endswith(
+        "No run works. Left: 3 min for one job at a time; without clean, grids, hollow, images, modes, sources, tets, "
+        "of which none has ended yet.\n"
+    )
+
+
+def test_a_run_that_works_is_noticed_by_its_lock(plan, vibraverse):
+    assert guard.run_since("results") is None
+    lock = guard.only_run("results")
+    try:
+        assert guard.run_since("results") == pytest.approx(os.stat("results/.run.lock").st_mtime)
+        assert "A run works, on 0 jobs of objects." in vibraverse("status")[1]
+    finally:
+        lock.close()
+    assert guard.run_since("results") is None
+
+
+def test_a_wrong_configuration_is_one_sentence(plan, vibraverse):
+    status, _, errors = vibraverse("status", "--config", "none.yaml")
+    assert (status, errors) == (2, "vibraverse: the configuration file none.yaml does not exist\n")

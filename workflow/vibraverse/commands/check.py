@@ -1,0 +1,50 @@
+"""``vibraverse check``: whether a dataset is whole: every byte, every field, and the physics of a sample."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vibraverse.cli import UsageError
+from vibraverse.commands import share
+
+#: Findings printed.
+_SHOWN = 50
+
+
+def main(argv: list[str]) -> int:
+    """Print what is wrong with a dataset, file and object first; return 1 when anything is."""
+    parser = argparse.ArgumentParser(
+        prog="vibraverse check",
+        description="Check a dataset's folder, or one shard: checksums, types, shapes, units and ranges of every "
+        "field, the equations that its numbers satisfy, and of a sample the frequencies made again from the basis and "
+        "the sounds from the modes. Ends with exit code 1 when anything is wrong.",
+    )
+    parser.add_argument(
+        "dataset", nargs="?", type=Path, default=Path("results/dataset"), metavar="PATH",
+        help="the dataset's folder, or a shard (default results/dataset)",
+    )  # fmt: skip
+    parser.add_argument(
+        "--sample", type=share, default=0.1, metavar="SHARE",
+        help="share of the items to make again, 0 to 1 (default 0.1)",
+    )  # fmt: skip
+    chosen = parser.parse_args(argv)
+
+    from vibraverse.dataset.check import findings
+
+    wrong = 0
+    try:
+        for finding in findings(chosen.dataset, chosen.sample):
+            wrong += 1
+            if wrong <= _SHOWN:
+                print(finding, flush=True)
+    except FileNotFoundError as error:
+        raise UsageError(str(error)) from None
+    if wrong > _SHOWN:
+        print(f"… and {wrong - _SHOWN} more")
+    if wrong:
+        print(f"{chosen.dataset}: {wrong} findings; `vibraverse repair` says what to make again.")
+        return 1
+    share_made = f"{chosen.sample:.0%} of its items made again" if chosen.sample else "nothing made again"
+    print(f"{chosen.dataset} is as it was written, and agrees with itself ({share_made}).")
+    return 0

@@ -1,0 +1,96 @@
+"""``vibraverse export``: the dataset as WebDataset tars, or as a folder that ``datasets.load_dataset`` opens."""
+
+from __future__ import annotations
+
+import argparse
+import shutil
+from contextlib import contextmanager
+from pathlib import Path
+
+from vibraverse.cli import UsageError
+from vibraverse.products import aside
+
+
+def main(argv: list[str]) -> int:
+    """Write the export, a README beside it and ``export.json`` with the checksums of its files."""
+    parser = argparse.ArgumentParser(
+        prog="vibraverse export",
+        description="Write a dataset in a form other programs read. Items are one per object, solidity and material.",
+    )
+    parser.add_argument("dataset", help="the dataset's folder, such as results/dataset, or a shard")
+    parser.add_argument("--format", required=True, choices=("webdataset", "huggingface"))
+    parser.add_argument("-o", "--output", required=True, type=Path, help="a folder that is new or empty")
+    parser.add_argument(
+        "--fields", help="what an item holds, separated by commas (docs/dataset.md lists them)"
+    )
+    parser.add_argument(
+        "--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only items of these (A,B: either)"
+    )
+    parser.add_argument(
+        "--look", default="clay", help="look of the pictures; 'material' is that of the item's"
+    )
+    parser.add_argument("--sampled", action="store_true", help="the sampled materials too")
+    parser.add_argument(
+        "--parquet", action="store_true", help="Parquet instead of JSON lines (needs pyarrow)"
+    )
+    parser.add_argument("--max-mb", type=float, default=500.0, help="largest size of a file (default 500)")
+    chosen = parser.parse_args(argv)
+    if chosen.parquet and chosen.format != "huggingface":
+        raise UsageError("export: --parquet goes with --format huggingface")
+    if chosen.max_mb <= 0:
+        raise UsageError(f"export: --max-mb must be greater than 0, not {chosen.max_mb:g}")
+    if chosen.output.exists() and (not chosen.output.is_dir() or any(chosen.output.iterdir())):
+        raise UsageError(f"export: {chosen.output} is not empty; name a new folder")
+    _export(chosen)
+    return 0
+
+
+def _export(chosen) -> None:
+    import vibraverse.dataset
+    from vibraverse.dataset import export
+    from vibraverse.dataset.card import export_card
+    from vibraverse.products import write_json, write_text
+
+    fields = chosen.fields.split(",") if chosen.fields else export.EXPORTED
+    try:
+        with vibraverse.dataset.open(chosen.dataset, fields, chosen.look) as whole:
+            reader = whole.where(**_conditions(chosen.where))
+            reader = reader.with_sampled() if chosen.sampled else reader
+            if not len(reader):
+                raise UsageError(f"export: {chosen.dataset} holds no such items")
+            with _new_folder(chosen.output) as folder:
+                most = int(chosen.max_mb * 2**20)
+                if chosen.format == "webdataset":
+                    files = export.webdataset(reader, folder, most)
+                else:
+                    files = export.tables(reader, folder, most, chosen.parquet)
+                write_text(folder / "README.md", export_card(reader, chosen.format, folder, files))
+                record = {"format": chosen.format, "items": len(reader), "fields": list(fields)}
+                write_json(folder / "export.json", {**record, "files": export.checksums(folder, files)})
+    except (FileNotFoundError, KeyError, export.CannotExport) as error:
+        raise UsageError(f"export: {error.args[0] if error.args else error}") from None
+    print(f"{record['items']} items in {len(files)} files: {chosen.output}")
+
+
+@contextmanager
+def _new_folder(final: Path):
+    """Yield a folder beside ``final``; on success it becomes ``final``, on failure it is removed."""
+    partial = aside(final)
+    partial.mkdir(parents=True)
+    try:
+        yield partial
+        if final.exists():
+            final.rmdir()  # it is empty
+        partial.rename(final)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _conditions(texts: list[str]) -> dict[str, list[str]]:
+    found = {}
+    for text in texts:
+        column, equals, values = text.partition("=")
+        if not equals:
+            raise UsageError(f"export: --where takes COLUMN=VALUE, not {text!r}")
+        found[column] = values.split(",")
+    return found

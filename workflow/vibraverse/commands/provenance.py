@@ -1,0 +1,172 @@
+"""``vibraverse provenance``: from a product back to its source, with versions and the commands that make it again."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shlex
+from pathlib import Path
+
+from vibraverse import products
+from vibraverse.cli import UsageError
+from vibraverse.dataset.schema import MAKING
+from vibraverse.lineage import Made, chain, jobs, makers, packed_jobs
+from vibraverse.paths import Paths
+from vibraverse.refusal import read_refusal
+
+#: Objects of a shard whose chains are printed without being asked for.
+_SHOWN = 3
+
+
+def main(argv: list[str]) -> int:
+    """Print the chain of a product, first things first."""
+    parser = argparse.ArgumentParser(
+        prog="vibraverse provenance",
+        description="Say where a product comes from: every stage from the source on, with versions, checksums, and the "
+        "command that makes its products again. Products are found below the results folder of the file.",
+    )
+    parser.add_argument(
+        "file", type=Path, metavar="FILE", help="any product: of an object, a shard, the index"
+    )
+    parser.add_argument("--object", metavar="ID", help="of a shard or the dataset, only this object")
+    parser.add_argument(
+        "--commands",
+        action="store_true",
+        help="only the commands, in order: a script that makes the file again",
+    )
+    chosen = parser.parse_args(argv)
+    if not chosen.file.is_file():
+        raise UsageError(f"there is no file {chosen.file}")
+    paths, inside = _results_of(chosen.file)
+    if inside[0] == "objects":
+        made = makers(jobs(paths, inside[1])).get(Path(paths.results, *inside))
+        if made is None:
+            raise UsageError(f"{chosen.file} is no product of a stage")
+        found, last = chain([made]), []
+    else:
+        found, last = _of_dataset(paths, chosen.file, "/".join(inside), chosen.object)
+    if chosen.commands:
+        print("\n".join([*(made.command() for made in found), *(command for _, command in last)]))
+        return 0
+    for made in found:
+        print(_told(made))
+    print("\n".join(f"{what}\n    again  {command}" for what, command in last))
+    return 0
+
+
+def _results_of(file: Path) -> tuple[Paths, tuple[str, ...]]:
+    """Return the results folder that a product lies in, and the parts of its path below that."""
+    if file.parent.name == "shards":  # of a dataset that may have been renamed
+        return Paths(str(file.parent.parent.parent)), ("dataset", "shards", file.name)
+    parts = file.parts
+    for place in range(len(parts) - 2, -1, -1):
+        if parts[place] in ("objects", "dataset", "report"):
+            return Paths(str(Path(*parts[:place]))), parts[place:]
+    if file.name == "verdict.json":
+        return Paths(str(file.parent)), (file.name,)
+    raise UsageError(
+        f"{file} lies in no results folder: name it with its path from there on, as in results/objects/ID/surface.ply"
+    )
+
+
+def _of_dataset(
+    paths: Paths, file: Path, inside: str, only: str | None
+) -> tuple[list[Made], list[tuple[str, str]]]:
+    """Return the jobs of the objects in a shard or in all shards, and what is done with these: what and command."""
+    import h5py
+
+    is_shard = inside.startswith("dataset/shards/")
+    shards = [file] if is_shard else sorted(Path(paths.shard).parent.glob("*.h5"))
+    held: dict[str, list[Made]] = {}
+    last = []
+    for shard in shards:
+        with h5py.File(shard) as h5:
+            names, provenance = list(h5["objects"]), json.loads(h5.attrs["provenance"])
+            making = json.loads(h5[MAKING].asstr()[()])
+            asked = [name for name in names if only in (None, name)]
+            for name in asked:
+                here = [made for made in chain(jobs(paths, name)) if made.record.is_file()]
+                held[name] = here or packed_jobs(paths, name, h5["objects"][name], making)
+        options = {**provenance["options"], "results": paths.results, "objects": names}
+        words = ["dataset", "--shard", shard, "--options", json.dumps(options, ensure_ascii=False)]
+        if asked:
+            last.append(
+                (f"{_versions(provenance)}\n    makes  {shard}: {len(names)} objects", _command(words))
+            )
+    if not held and only is not None:
+        raise UsageError(f"{file} holds no object {only!r}; index.tsv lists what there is")
+    last += [] if is_shard else _after_shards(paths, shards, file, inside)
+    if len(held) > _SHOWN:
+        print(f"# {len(held)} objects, of which --object ID shows one; each is made of its own source.")
+        held = {}
+    return [made for each in held.values() for made in each], last
+
+
+def _after_shards(paths: Paths, shards: list[Path], file: Path, inside: str) -> list[tuple[str, str]]:
+    """Return the jobs that made what is made of all shards."""
+    record = Path(paths.dataset_record)
+    words = ["index", "--shards", *shards, "--index", paths.index, "--parquet", paths.index_parquet]
+    words += ["--splits", paths.splits, "--refusals", paths.refusals, "--record", record]
+    words += ["--card", paths.card, "--overview", paths.overview, "--croissant", paths.croissant]
+    if Path(paths.dataset_config).is_file():
+        words += ["--resolved", paths.config, "--config", paths.dataset_config]
+    made = products.read_provenance(record)
+    options = json.dumps(made["options"], ensure_ascii=False)
+    command = _command([*words, "--sums", paths.dataset_sums, "--options", options])
+    found = [(f"{_versions(made)}\n    makes  {record}", command)]
+    if inside == "verdict.json":
+        share = products.read_json(file)["max_refused_share"]
+        words = ["refusals", "--record", record, "--check", share, "--verdict", file]
+        found.append((f"verdict\n    makes  {file}", _command(words)))
+    elif inside.startswith("report/"):
+        log = Path(paths.log("report"))
+        if not log.is_file():
+            raise UsageError(f"{log} is gone: it holds the command that made {file}")
+        found.append((f"report\n    makes  {file}", log.read_text(encoding="utf-8").split("\n")[0]))
+    return found
+
+
+def _command(words: list) -> str:
+    return shlex.join(["vibraverse", *map(str, words)])
+
+
+def _versions(provenance: dict) -> str:
+    libraries = ", ".join(f"{name} {version}" for name, version in provenance["libraries"].items())
+    return (
+        f"{provenance['stage']}, version {provenance['stage_version']} of vibraverse {provenance['vibraverse']}"
+        + (f", with {libraries}" if libraries else "")
+    )
+
+
+def _told(made: Made) -> str:
+    """Return what there is to say of a job: versions, inputs and outputs with their checksums, and its command."""
+    refusal = None if made.stated else read_refusal(made.record)
+    if refusal is not None:
+        return f"{made}: refused at {refusal.stage}: {refusal.message}"
+    if not made.provenance:
+        return f"{made}: {made.record} is missing or states no provenance; run the workflow, or `vibraverse repair`"
+    lines = [f"{made}: {_versions(made.provenance)}"]
+    if made.step.stage == "sources":
+        lines.append(f"    from   {_source(made.content)}")
+    stated = made.provenance.get("input_sha256", {})
+    for name, digest in stated.items():
+        path = made.input(name) if name in made.step.inputs else None
+        lines.append(f"    from   {path or name}  {digest[:16]}{_since(path, digest)}")
+    lines += [f"    makes  {path}" for path in made.outputs]
+    return "\n".join([*lines, f"    again  {made.command()}"])
+
+
+def _since(path: Path | None, digest: str) -> str:
+    if path is None:
+        return ""
+    if not path.is_file():
+        return ", not here"
+    return "" if products.sha256(path) == digest else ", changed since"
+
+
+def _source(record: dict) -> str:
+    """Return where a mesh came from, by the record of ``sources``."""
+    known = (record.get(key) for key in ("origin", "file", "url", "uid", "attribution"))
+    return ", ".join(
+        [*dict.fromkeys(str(value) for value in known if value), f"licence {record.get('licence')}"]
+    )

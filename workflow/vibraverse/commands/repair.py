@@ -1,0 +1,72 @@
+"""``vibraverse repair``: which products must be made again, and deleting them so that the next run does."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vibraverse import guard
+from vibraverse.cli import UsageError
+from vibraverse.dataset.chain import objects_in
+from vibraverse.paths import Paths
+from vibraverse.rebuild import last_products, packed_products, shards_of, wrong_dataset, wrong_products
+
+#: Wrong products that are printed.
+_SHOWN = 50
+
+
+def main(argv: list[str]) -> int:
+    """Print the wrong products; with ``--delete`` delete them. Return 1 when some are wrong and were left."""
+    parser = argparse.ArgumentParser(
+        prog="vibraverse repair",
+        description="Say which products are not as they were made: those of the objects, by the checksums that later "
+        "ones state, and the dataset's files, as `vibraverse check` does. Reads everything once. With --delete these "
+        "products are deleted, and the next run of the workflow makes them and what depends on them again.",
+    )
+    parser.add_argument(
+        "--results", default="results", metavar="DIR", help="folder of all products (default results)"
+    )
+    parser.add_argument("--delete", action="store_true", help="delete them; run the workflow afterwards")
+    chosen = parser.parse_args(argv)
+    paths = Paths(chosen.results)
+    objects, has_dataset = objects_in(paths), Path(paths.dataset_record).is_file()
+    if not objects and not has_dataset:
+        raise UsageError(f"there is nothing in {paths.results}; is --results the folder of a run?")
+    lock = guard.only_run(paths.results) if chosen.delete else None
+    try:
+        return _repaired(paths, objects, has_dataset, chosen.delete)
+    finally:
+        if lock is not None:
+            lock.close()
+
+
+def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool) -> int:
+    found = _wrong(paths, objects, has_dataset)
+    for wrong in found[:_SHOWN]:
+        print(f"{wrong.path}: {wrong.sentence}\n    made by {wrong.by}, with {len(wrong.files)} files")
+    if len(found) > _SHOWN:
+        print(f"… and {len(found) - _SHOWN} more")
+    if not found:
+        print("Nothing is wrong: every product is what later ones were made from.")
+        return 0
+    files = dict.fromkeys(file for wrong in found for file in wrong.files)
+    touched = shards_of(paths, {wrong.object for wrong in found if wrong.object})
+    files.update(dict.fromkeys(last_products(paths, touched)))
+    if not delete:
+        print(f"{len(files)} files to make again: `vibraverse repair --delete`, then run the workflow.")
+        return 1
+    for file in files:
+        file.unlink(missing_ok=True)
+    print(f"Deleted {len(files)} files; the next run makes them and what depends on them again.")
+    return 0
+
+
+def _wrong(paths: Paths, objects: list[str], has_dataset: bool) -> list:
+    found = list(wrong_dataset(paths)) if has_dataset else []
+    packed: dict[str, tuple[dict, float]] = {}
+    for shard in sorted(Path(paths.shard).parent.glob("*.h5")):
+        at = shard.stat().st_mtime
+        packed.update({name: (products, at) for name, products in (packed_products(shard) or {}).items()})
+    for object_id in objects:
+        found += wrong_products(paths, object_id, *packed.get(object_id, ({}, 0.0)))
+    return found

@@ -1,0 +1,69 @@
+"""Checksums of what a group holds, so that a wrong byte in a shard is traced to an object and a field.
+
+The SHA-256 of a shard's bytes, in ``dataset.json``, finds any change but cannot say where. So each object also lists
+one checksum per HDF5 group and dataset in it, over what HDF5 hands out: names, types, shapes, data, attributes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+
+import numpy as np
+
+from vibraverse.dataset import schema
+
+#: Hexadecimal digits kept of each SHA-256: 64 bits are plenty against accidents, and the list stays small.
+_DIGITS = 16
+
+
+def checksums(group) -> dict[str, str]:
+    """Return path -> checksum of everything in an HDF5 group but its list of checksums; the group itself is ``.``.
+
+    Raises whatever HDF5 raises where it cannot read.
+    """
+    found = {".": _of(group)}
+
+    def visit(name, item):
+        if name != schema.CHECKSUMS:
+            found[name] = _of(item)
+
+    group.visititems(visit)
+    return found
+
+
+def differences(group) -> list[str]:
+    """Return the paths in an object's group whose content is not what its list of checksums says, in file order.
+
+    Raises :class:`KeyError` when the group has no such list, and whatever HDF5 raises where it cannot read.
+    """
+    stated = json.loads(group[schema.CHECKSUMS].asstr()[()])
+    found = checksums(group)
+    return [path for path in {**stated, **found} if stated.get(path) != found.get(path)]
+
+
+def _of(item) -> str:
+    digest = hashlib.sha256()
+    for name in sorted(item.attrs):
+        digest.update(name.encode() + b"\0")
+        _add(digest, item.attrs[name])
+    if hasattr(item, "keys"):
+        digest.update("\0".join(sorted(key for key in item if key != schema.CHECKSUMS)).encode())
+    else:
+        _add(digest, item[()])
+    return digest.hexdigest()[:_DIGITS]
+
+
+def _add(digest, value) -> None:
+    """Add a value with its type and shape: a number, a text, an array, or an array of arrays (pictures)."""
+    if isinstance(value, (str, bytes)):
+        value = value.encode() if isinstance(value, str) else value
+        digest.update(f"text {len(value)} ".encode() + value)
+        return
+    array = np.ascontiguousarray(value)
+    digest.update(f"{array.dtype.str} {np.shape(value)} ".encode())
+    if array.dtype == object:
+        for entry in array.flat:
+            _add(digest, entry)
+    else:
+        digest.update(array.data if array.nbytes else b"")

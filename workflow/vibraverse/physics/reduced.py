@@ -1,0 +1,122 @@
+"""The modal basis of a body, and the dense problem that is left of it for a material.
+
+Everything a new material needs, on NumPy and SciPy alone: no mesh, no finite elements. How a basis comes about is told
+in :mod:`vibraverse.physics.basis`, how its errors are known in :mod:`vibraverse.physics.reduction`, and what its
+corrections are in :mod:`vibraverse.physics.enrichment`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from vibraverse.physics.materials import lame
+
+#: Modes solved for beyond those kept: where spectra cross, a mode just above the last one kept at one ν is among
+#: those kept elsewhere, and corrections may bring it among them.
+GUARD = 8
+#: The gap to the modes that the space does not resolve is not taken below this share.
+_LEAST_GAP = 0.15
+
+
+@dataclass(frozen=True)
+class ModalBasis:
+    """The modal basis of one body, in mesh units with E = ρ = 1.
+
+    ``a_lambda``, ``a_mu``: (r, r) reduced stiffness; ``sketch``: (k, p, 3r) for error estimates, in the energy norms
+    of ``energy_poisson`` (k,); ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface``: (V, 3, r) the basis on
+    its vertices; ``correction_lambda``, ``correction_mu`` (r + m, m), ``correction_mass`` (r, m) and
+    ``correction_surface`` (V, 3, m): what :class:`vibraverse.physics.enrichment.Corrections` adds to it;
+    ``poisson_range`` (2,) with ``error`` the largest estimated relative error of a frequency in it;
+    ``poisson_nodes``: where the sparse problem was solved, then where the space was corrected, in order;
+    ``residuals`` (m,) of that solve; ``volume``, ``centre`` (3,) and ``inertia`` (3, 3) about it for unit density.
+    What lies on the surface is None where only frequencies are wanted.
+    """
+
+    a_lambda: np.ndarray
+    a_mu: np.ndarray
+    sketch: np.ndarray
+    energy_poisson: np.ndarray
+    vertices: np.ndarray | None
+    faces: np.ndarray | None
+    surface: np.ndarray | None
+    correction_lambda: np.ndarray
+    correction_mu: np.ndarray
+    correction_mass: np.ndarray
+    correction_surface: np.ndarray | None
+    poisson_range: np.ndarray
+    poisson_nodes: np.ndarray
+    error: float
+    residuals: np.ndarray
+    volume: float
+    centre: np.ndarray
+    inertia: np.ndarray
+    order: int
+    n_vertices: int
+    n_tetrahedra: int
+    n_unknowns: int
+    method: str
+    factorisation: str
+
+
+def solve_reduced(
+    a_lambda: np.ndarray,
+    a_mu: np.ndarray,
+    sketch: np.ndarray,
+    energy_poisson: np.ndarray,
+    poisson: float,
+    modes: int,
+    guard: int = 0,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Solve the reduced problem for E = ρ = 1.
+
+    ``a_lambda``, ``a_mu`` (r, r), ``sketch`` (k, p, 3r) the products ``Yᵀ [K_λ U, K_μ U, M U]`` for each ν₀ in
+    ``energy_poisson`` (k,), of which the nearest is taken. Returns ω̂² (m,), coefficients (r, m) and the estimated
+    relative error (m,) of each frequency, for the ``modes`` lowest pairs and up to ``guard`` more.
+
+    To first order a Ritz value exceeds the eigenvalue by ``‖r‖²`` in the norm of ``(K - ω²M)⁻¹`` off the basis. There
+    every direction is stiffer than the modes kept, so the energy norm times ``1 / (1 - ω²/ω²_next)`` covers it; the gap
+    is not taken below 0.15 because the basis resolves several modes above the last one too.
+    """
+    lam, mu = lame(1.0, poisson)
+    wanted = min(modes + max(guard, 1), len(a_mu))
+    values, vectors = scipy.linalg.eigh(lam * a_lambda + mu * a_mu, subset_by_index=(0, wanted - 1))
+    nearest = np.abs(np.log((1 - 2 * energy_poisson) / (1 - 2 * poisson))).argmin()
+    residual = sketch[nearest] @ np.concatenate([lam * vectors, mu * vectors, -values * vectors])
+    size = (residual**2).mean(axis=0)
+    gap = 1.0 - values / values[modes] if wanted > modes else np.ones(wanted)
+    error = 0.5 * size / values / np.maximum(gap, _LEAST_GAP)
+    kept = min(modes + guard, wanted)
+    return values[:kept], vectors[:, :kept], error[:kept]
+
+
+def solve_corrected(
+    k_lambda: np.ndarray,
+    k_mu: np.ndarray,
+    mass: np.ndarray,
+    poisson: float,
+    values: np.ndarray,
+    coefficients: np.ndarray,
+    modes: int,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Solve the reduced problem with the corrections of :mod:`vibraverse.physics.enrichment`, for E = ρ = 1.
+
+    ``values`` (q,) and ``coefficients`` (r, q) are the lowest pairs without them, a few more than ``modes``. Returns
+    ω̂² (q,), coefficients (r + m, modes), the share by which corrections lowered each of these frequencies (modes,),
+    and by which they lowered each of the modes without them, which may stand in another order (modes,).
+    """
+    lam, mu = lame(1.0, poisson)
+    columns = lam * k_lambda + mu * k_mu
+    rank, kept = coefficients.shape
+    side, link = coefficients.T @ columns[:rank], coefficients.T @ mass
+    stiffness = np.block([[np.diag(values), side], [side.T, columns[rank:]]])
+    weight = np.block([[np.eye(kept), link], [link.T, np.eye(len(link.T))]])
+    corrected, mixing = scipy.linalg.eigh(stiffness, weight, subset_by_index=(0, kept - 1))
+    # Without its corrections a mode would have Rayleigh's quotient of what is left of it.
+    weights = mixing[:kept] ** 2
+    lowered = np.sqrt(values @ weights / weights.sum(axis=0) / corrected) - 1.0
+    lowered_here = (weights @ lowered / weights.sum(axis=1))[:modes]
+    vectors = np.concatenate([coefficients @ mixing[:kept, :modes], mixing[kept:, :modes]])
+    return corrected, vectors, lowered[:modes], lowered_here

@@ -1,0 +1,175 @@
+"""How far a run is: which products of the configured objects there are, which jobs work now, and what is left.
+
+Looks at names, not into files, but for the few bytes that tell a refusal from a product.
+"""
+
+from __future__ import annotations
+
+import csv
+import os
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from vibraverse import targets
+from vibraverse.dataset.chain import refusals_of
+from vibraverse.lineage import STEPS, Made, jobs
+from vibraverse.plan import Plan
+from vibraverse.refusal import is_refusal
+
+#: Benchmark files of a stage that are read for its mean time.
+_SAMPLED = 40
+#: Stands for an object in paths that serve for all objects.
+_ANY = "_"
+
+
+@dataclass(frozen=True, eq=False)
+class Kind:
+    """A job that every object has: its files and the record among them, below the object's folder, and its log."""
+
+    stage: str
+    solidity: str
+    files: list[tuple[str, str]]
+    record: str
+    log: str
+    before: list[Kind]
+
+
+@dataclass
+class Survey:
+    """What there is of the configured objects.
+
+    ``objects`` counts them by state: ``done``, ``refused``, ``begun`` and ``missing``; ``in_part`` counts those of
+    which only some body is refused. ``jobs`` counts by stage the jobs that are ``done``, ``refused``, ``running``,
+    ``stopped`` (begun, and no run works on them) and ``waiting``. ``refusals`` are rows of ``refusals.tsv``;
+    ``stopped`` names the logs of stopped jobs; ``strangers`` counts objects that the configuration does not name.
+    """
+
+    objects: Counter = field(default_factory=Counter)
+    in_part: int = 0
+    jobs: dict[str, Counter] = field(default_factory=lambda: {step.stage: Counter() for step in STEPS})
+    refusals: list[dict] = field(default_factory=list)
+    stopped: list[str] = field(default_factory=list)
+    strangers: int = 0
+
+    def left(self) -> dict[str, int]:
+        """Return how many jobs of each stage are not done."""
+        return {
+            stage: counts["running"] + counts["stopped"] + counts["waiting"]
+            for stage, counts in self.jobs.items()
+        }
+
+    @property
+    def running(self) -> int:
+        """How many jobs work now."""
+        return sum(counts["running"] for counts in self.jobs.values())
+
+
+def survey(plan: Plan, started: float | None) -> Survey:
+    """Return what there is of all objects; ``started`` is when the run that works now began, None where none does."""
+    found = Survey()
+    kinds = _kinds(plan)
+    places = {place for kind in kinds for place, _ in kind.files}
+    root = os.path.dirname(plan.paths.at(plan.paths.object, object=_ANY))
+    there = set(_names(root))
+    found.strangers = len(there - set(plan.objects))
+    for object_id in plan.objects:
+        folder = f"{root}/{object_id}"
+        names = {place: _names(f"{folder}/{place}") if object_id in there else set() for place in places}
+        done = {kind for kind in kinds if all(name in names[place] for place, name in kind.files)}
+        refused: set[Kind] = set()
+        followed = {before for kind in done for before in kind.before}
+        if any(is_refusal(f"{folder}/{kind.record}") for kind in done - followed):
+            refused = {kind for kind in done if is_refusal(f"{folder}/{kind.record}")}
+        gone = False
+        if refused:
+            refusals = refusals_of(plan.paths, object_id, plan.config.solidities)
+            found.refusals += refusals.rows(object_id)
+            gone = refusals.is_refused(plan.config.solidities)
+            found.in_part += not gone
+        if len(done) == len(kinds):
+            found.objects["refused" if gone else "done"] += 1
+        else:
+            found.objects["begun" if done else "missing"] += 1
+        for kind in kinds:
+            state = "refused" if kind in refused else "done" if kind in done else "waiting"
+            if state == "waiting" and done.issuperset(kind.before):
+                log = kind.log.replace(f"/{_ANY}/", f"/{object_id}/")
+                state = _begun(log, started)
+                found.stopped += [log] if state == "stopped" else []
+            found.jobs[kind.stage][state] += 1
+    return found
+
+
+def mean_seconds(plan: Plan) -> dict[str, float]:
+    """Return the mean wall time of a job by stage, from a sample of the benchmarks that Snakemake wrote."""
+    written = [object_id for object_id in plan.objects if os.path.isdir(_benchmarks(plan, object_id))]
+    seconds: dict[str, list[float]] = {}
+    for object_id in written[:: max(1, len(written) // _SAMPLED)]:
+        for path in Path(_benchmarks(plan, object_id)).glob("*.tsv"):
+            with open(path, encoding="utf-8") as file:
+                rows = list(csv.DictReader(file, delimiter="\t"))
+            seconds.setdefault(path.name.split(".")[0], []).extend(float(row["s"]) for row in rows)
+    return {stage: sum(values) / len(values) for stage, values in seconds.items() if values}
+
+
+def seconds_left(found: Survey, means: dict[str, float]) -> tuple[float, list[str]]:
+    """Return how long the jobs that are left take one after another, and the stages of which no time is known."""
+    left = {stage: count for stage, count in found.left().items() if count}
+    return sum(count * means.get(stage, 0.0) for stage, count in left.items()), sorted(set(left) - set(means))
+
+
+def _kinds(plan: Plan) -> list[Kind]:
+    """Return the jobs of an object in this configuration, in the order of the chain."""
+    asked = plan.config.solidities
+    several = {"sound": targets.sounds(plan), "view": targets.views(plan)}
+    folder = plan.paths.at(plan.paths.object, object=_ANY)
+    found: dict[str, Kind] = {}  # by the files it makes
+    kinds = []
+    for made in jobs(plan.paths, _ANY):
+        if made.solidity not in ("", *asked) or (made.step.stage == "hollow" and "hollow" not in asked):
+            continue
+        paths = [
+            plan.paths.at(pattern, object=_ANY, solidity=made.solidity)
+            for name in made.step.outputs.values()
+            for pattern in several.get(name, [getattr(plan.paths, name)])
+        ]
+        inputs = {str(made.input(name)) for name in made.step.inputs}
+        kind = Kind(
+            made.step.stage,
+            made.solidity,
+            [os.path.split(os.path.relpath(path, folder)) for path in paths],
+            os.path.relpath(made.record, folder),
+            _log(plan, made),
+            list(dict.fromkeys(found[path] for path in inputs)),
+        )
+        kinds.append(kind)
+        found.update(dict.fromkeys(paths, kind))
+    return kinds
+
+
+def _log(plan: Plan, made: Made) -> str:
+    wildcards = ("object", "solidity") if made.step.of_body else ("object",)
+    return plan.paths.at(plan.paths.log(made.step.stage, *wildcards), object=_ANY, solidity=made.solidity)
+
+
+def _benchmarks(plan: Plan, object_id: str) -> str:
+    return os.path.dirname(plan.paths.at(plan.paths.benchmark("sources", "object"), object=object_id))
+
+
+def _begun(log: str, started: float | None) -> str:
+    """Return the state of a job whose inputs are there and whose products are not, by its log."""
+    try:
+        begun = os.stat(log).st_mtime
+    except FileNotFoundError:
+        return "waiting"
+    if started is None:
+        return "stopped"
+    return "running" if begun >= started else "waiting"
+
+
+def _names(folder: str) -> set[str]:
+    try:
+        return set(os.listdir(folder))
+    except (FileNotFoundError, NotADirectoryError):
+        return set()

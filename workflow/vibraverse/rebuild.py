@@ -1,0 +1,121 @@
+"""Finding products that are not what they were, so that they can be made again.
+
+Every product states the checksums of what it was made from and of what was made with it, and a shard those of the
+products it packs. A file that is not what a later one was made from has been changed since, unless it is newer: then
+the next run makes the later one again, and nothing is wrong.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from vibraverse import products
+from vibraverse.lineage import Made, after, jobs, makers
+from vibraverse.paths import Paths
+from vibraverse.refusal import read_refusal
+
+
+class Wrong(NamedTuple):
+    """A wrong product: its path, why, what makes it again, and all files that this makes anew."""
+
+    path: Path
+    sentence: str
+    by: str
+    files: list[Path]
+    object: str = ""
+
+
+def last_products(paths: Paths, shards: Iterable[Path]) -> list[Path]:
+    """Return the shards and all that is made of any shard.
+
+    Snakemake looks for what is asked for in the end, and makes nothing again before something of that is missing.
+    """
+    tables = (paths.index, paths.index_parquet, paths.splits, paths.refusals, paths.dataset_record)
+    index = (*tables, paths.card, paths.overview, paths.croissant, paths.dataset_config)
+    made = (*index, paths.dataset_sums, paths.report, paths.verdict)
+    return [path for path in (*shards, *map(Path, made)) if path.is_file()]
+
+
+def shards_of(paths: Paths, objects: Iterable[str]) -> list[Path]:
+    """Return the shards that hold these objects, and those that cannot be read."""
+    wanted, found = set(objects), []
+    for shard in sorted(Path(paths.shard).parent.glob("*.h5")):
+        held = packed_products(shard)
+        if held is None or wanted & set(held):
+            found.append(shard)
+    return found
+
+
+def wrong_products(paths: Paths, object_id: str, packed: dict[str, str], packed_at: float) -> Iterator[Wrong]:
+    """Yield the products of an object that are not as they were made.
+
+    ``packed`` maps products, below the object's folder, to the checksums that its shard states; ``packed_at`` is the
+    time of that shard.
+    """
+    chain = [
+        made for made in jobs(paths, object_id) if made.record.is_file() and not read_refusal(made.record)
+    ]
+    made_by = makers(chain)
+    digest = cache(products.sha256)
+    reported: set[Made] = set()
+
+    def report(made: Made, path: Path, sentence: str) -> Iterator[Wrong]:
+        if made not in reported:
+            reported.add(made)
+            files = [file for later in after(made) for file in later.outputs if file.is_file()]
+            yield Wrong(path, sentence, str(made), files, object_id)
+
+    for made in chain:
+        if not made.provenance:
+            yield from report(made, made.record, "its provenance cannot be read")
+        for name, stated in made.provenance.get("output_sha256", {}).items():
+            for path in made.output(name):
+                right = stated[path.name] if isinstance(stated, dict) else stated
+                if path.is_file() and digest(path) != right:
+                    yield from report(made, path, f"it is not what {made.step.stage} wrote")
+        for name, right in made.provenance.get("input_sha256", {}).items():
+            path = made.input(name) if name in made.step.inputs else None
+            if path in made_by and _changed(path, right, made.record.stat().st_mtime, digest):
+                yield from report(made_by[path], path, f"it is not what {made} was made from")
+    folder = Path(paths.at(paths.object, object=object_id))
+    for name, right in packed.items():
+        path = folder / name
+        if path in made_by and _changed(path, right, packed_at, digest):
+            yield from report(made_by[path], path, "it is not what its shard was made from")
+
+
+def _changed(path: Path, right: str, used_at: float, digest) -> bool:
+    return path.is_file() and path.stat().st_mtime <= used_at and digest(path) != right
+
+
+def packed_products(shard: Path) -> dict[str, dict[str, str]] | None:
+    """Return object -> products -> checksums, as a shard states them; None where it cannot be read."""
+    import h5py
+
+    try:
+        with h5py.File(shard) as h5:
+            return {
+                name: json.loads(group["products"].asstr()[()]) if "products" in group else {}
+                for name, group in h5["objects"].items()
+            }
+    except (OSError, ValueError, LookupError, RuntimeError):
+        return None
+
+
+def wrong_dataset(paths: Paths) -> Iterator[Wrong]:
+    """Yield the files of the dataset that are not as they were written, each once."""
+    from vibraverse.dataset.check import SHARDS, findings
+
+    seen = set()
+    for finding in findings(paths.dataset):
+        if finding.file in seen:
+            continue
+        seen.add(finding.file)
+        path, is_shard = Path(paths.dataset) / finding.file, finding.file.startswith(SHARDS)
+        sentence = f"{finding.object}: {finding.sentence}" if finding.object else finding.sentence
+        files = last_products(paths, [path] if is_shard else [])
+        yield Wrong(path, sentence, "dataset" if is_shard else "index", files)
