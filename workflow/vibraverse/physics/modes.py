@@ -28,8 +28,8 @@ class MaterialModes:
     ``frequencies_hz`` (m,) undamped; ``damped_frequencies_hz`` (m,), 0 where overdamped; ``damping_per_s`` (m,);
     ``relative_error`` (m,) estimated relative error of each frequency by the reduction to the basis;
     ``discretisation_error`` (m,) estimated relative error by the elements; ``mode_shapes`` (m, V, 3) at the surface
-    vertices, mass-normalised, in kg^(-1/2), or None. ``following_hz`` is the frequency of the next mode, not kept: where
-    it is that of the last one, the cut goes through a multiplet; it is 0 where the mesh has no more.
+    vertices, mass-normalised, in kg^(-1/2), or None. ``following_hz`` is the frequency of the next mode, not kept:
+    where it is that of the last one, the cut goes through a multiplet; it is 0 where the mesh has no more.
     """
 
     frequencies_hz: np.ndarray
