@@ -21,7 +21,7 @@ except ConfigError as error:
 
 paths = plan.paths
 if workflow.is_main_process and not workflow.dryrun:
-    only_run(paths.results)
+    only_run(paths.results, plan.owned)
 
 
 wildcard_constraints:

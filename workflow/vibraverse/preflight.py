@@ -55,6 +55,16 @@ def images(urls: Iterable[str]) -> None:
                 )
 
 
+def shards(missing: list[str]) -> None:
+    """Check that the slices of a run have made all shards."""
+    if missing:
+        raise NotThere(
+            f"`slice: join` takes the shards that the slices made, but {len(missing)} of them are not there "
+            f"({', '.join(Path(path).name for path in missing[:5])}{', …' if len(missing) > 5 else ''}); run the "
+            "slices again, or without `slice` to make everything that is missing"
+        )
+
+
 def slurm(jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".") -> None:
     """Check that Slurm answers, has what jobs (rule, resources) ask for, and no earlier run's jobs in ``folder``."""
     partitions, default = _partitions()

@@ -54,8 +54,13 @@ def shards(plan: Plan) -> list[str]:
 
 
 def everything(plan: Plan) -> list[str]:
-    """Return what a run makes in the end."""
-    return [plan.paths.report, plan.paths.verdict]
+    """Return what a run makes in the end: a slice makes its shards, every other run the report and the verdict."""
+    return [plan.paths.report, plan.paths.verdict] if plan.owned is None else shards(plan)
+
+
+def missing_shards(plan: Plan) -> list[str]:
+    """Return the shards that are not there."""
+    return [path for path in shards(plan) if not os.path.isfile(path)]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:
