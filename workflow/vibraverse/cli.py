@@ -41,6 +41,7 @@ COMMANDS = {
     "objects": "list the objects a configuration names",
     "materials": "list the known materials",
     "config": "check a configuration, or print its JSON schema",
+    "submit": "submit a run to Slurm as an array of slices",
     "refusals": "list refused objects by reason, or make them run again",
     "validation": "show how near the frequencies of known bodies are",
 }
