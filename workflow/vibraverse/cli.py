@@ -42,6 +42,7 @@ COMMANDS = {
     "materials": "list the known materials",
     "config": "check a configuration, or print its JSON schema",
     "submit": "submit a run to Slurm as an array of slices",
+    "resources": "suggest memory, time and group sizes from a run's own measurements",
     "refusals": "list refused objects by reason, or make them run again",
     "validation": "show how near the frequencies of known bodies are",
 }
