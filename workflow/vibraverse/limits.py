@@ -2,6 +2,10 @@
 
 Meshers hang and crash on real models. In a child they cost one object, not the run: a timeout, a crash or
 an exhausted memory limit becomes a refusal that carries the tool's last words.
+
+The child is a fork: it has the libraries that its parent imported, which a new process would import again for longer
+than many a body takes. A fork of a process with several threads may wait for ever for one that it does not have, so
+there the child is a new process.
 """
 
 from __future__ import annotations
@@ -40,6 +44,14 @@ def _child(connection, log: str, memory_mb: int, function: Callable, arguments: 
     connection.close()
 
 
+def _threads() -> int:
+    """Return how many threads this process has; 0 where the system does not say."""
+    try:
+        return len(os.listdir("/proc/self/task"))
+    except OSError:
+        return 0
+
+
 def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, what: str):
     """Return ``function(*arguments)``, computed in a child process with limits.
 
@@ -49,7 +61,7 @@ def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, 
     Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
     crash or an exception, or the :class:`Refused` that the function itself raised.
     """
-    context = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("fork" if _threads() == 1 else "spawn")
     receiver, sender = context.Pipe(duplex=False)
     handle, log = tempfile.mkstemp(prefix="vibraverse-", suffix=".log")
     os.close(handle)
