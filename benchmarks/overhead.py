@@ -1,10 +1,10 @@
 """What a run costs besides computing: process starts, imports and Snakemake, for many small objects.
 
-python benchmarks/overhead.py [OBJECTS] [--keep FOLDER]
+python benchmarks/overhead.py [OBJECTS] [--only plain|warm]
 
-Runs the whole workflow on generated objects with one core, then repeats the command of every job, as its log states
-it, in one process in which everything is imported and compiled already and child processes are plain calls. What that
-takes is called useful computing here; the rest of the run's time is overhead.
+Runs the whole workflow on generated objects with one core, by itself and under `vibraverse warm`, then repeats the
+command of every job, as its log states it, in one process in which everything is imported and compiled already and
+child processes are plain calls. What that takes is called useful computing here; the rest of a run's time is overhead.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ import io
 import os
 import re
 import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -32,11 +31,11 @@ images: {{looks: [clay]}}
 """
 
 
-def snakemake(folder: Path) -> float:
+def snakemake(folder: Path, prefix: tuple[str, ...]) -> float:
     """Run the workflow; return the wall seconds."""
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     command = [
-        sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--cores", "1",
+        *prefix, sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--cores", "1",
         "--workflow-profile", str(ROOT / "workflow/profiles/default"),
     ]  # fmt: skip
     started = time.perf_counter()
@@ -85,17 +84,9 @@ def jobs(folder: Path) -> dict[str, list[float]]:
     return found
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("objects", type=int, nargs="?", default=10)
-    parser.add_argument("--keep", type=Path, help="run here and leave it (default: a temporary folder)")
-    chosen = parser.parse_args()
-    folder = chosen.keep or Path(tempfile.mkdtemp(prefix="vibraverse-overhead-"))
-    folder.mkdir(parents=True, exist_ok=True)
-    (folder / "config.yaml").write_text(CONFIG.format(count=chosen.objects))
-    total = snakemake(folder)
-    walls, useful = jobs(folder), replay(folder)
-    print(f"{'stage':<10}{'jobs':>6}{'s per job':>12}{'useful':>10}{'besides':>10}")
+def report(name: str, total: float, walls: dict[str, list[float]], useful: dict[str, list[float]]) -> None:
+    """Print one run's costs by stage, and their sum."""
+    print(f"\n{name}\n{'stage':<10}{'jobs':>6}{'s per job':>12}{'useful':>10}{'besides':>10}")
     for stage, seconds in useful.items():
         wall, needed = sum(walls[stage]) / len(seconds), sum(seconds) / len(seconds)
         print(f"{stage:<10}{len(seconds):>6}{wall:>12.2f}{needed:>10.2f}{wall - needed:>10.2f}")
@@ -104,11 +95,28 @@ def main() -> None:
     print(
         f"{count} jobs took {total:.1f} s: computing {computing:.1f} s, starts and imports "
         f"{in_jobs - computing:.1f} s, Snakemake {total - in_jobs:.1f} s\n"
-        f"besides computing: {(total - computing) / count:.2f} s per job, {1 - computing / total:.0%} of the total"
+        f"besides computing: {(total - computing) / count:.2f} s per job, {1 - computing / total:.0%} of the total",
+        flush=True,
     )
-    if not chosen.keep:
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("objects", type=int, nargs="?", default=10)
+    parser.add_argument("--only", choices=("plain", "warm"), help="leave the other run out")
+    chosen = parser.parse_args()
+    runs = {"plain": (), "warm": (str(Path(sys.executable).with_name("vibraverse")), "warm")}
+    measured = {}
+    with tempfile.TemporaryDirectory(prefix="vibraverse-overhead-") as kept:
+        for name in [chosen.only] if chosen.only else runs:
+            folder = Path(kept, name)
+            folder.mkdir()
+            (folder / "config.yaml").write_text(CONFIG.format(count=chosen.objects))
+            measured[name] = snakemake(folder, runs[name]), jobs(folder)
+        useful = replay(folder)
         os.chdir("/")
-        shutil.rmtree(folder)
+    for name, (total, walls) in measured.items():
+        report(name, total, walls, useful)
 
 
 if __name__ == "__main__":

@@ -43,6 +43,7 @@ COMMANDS = {
     "config": "check a configuration, or print its JSON schema",
     "submit": "submit a run to Slurm as an array of slices",
     "resources": "suggest memory, time and group sizes from a run's own measurements",
+    "warm": "run a command whose jobs find every library imported",
     "refusals": "list refused objects by reason, or make them run again",
     "validation": "show how near the frequencies of known bodies are",
 }
@@ -88,6 +89,12 @@ def main(argv: list[str] | None = None) -> int:
         print(f"vibraverse {__version__}")
         return 0
     name, rest = argv[0], argv[1:]
+    if name in STAGES and os.environ.get("VIBRAVERSE_WARM"):
+        from vibraverse import warm
+
+        status = warm.ask(os.environ["VIBRAVERSE_WARM"], argv)
+        if status is not None:
+            return status
     use_compiled_loops()
     try:
         if name in STAGES:

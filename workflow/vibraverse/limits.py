@@ -29,7 +29,7 @@ def _child(connection, log: str, memory_mb: int, function: Callable, arguments: 
     with open(log, "wb", buffering=0) as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
-    limit = memory_mb * 2**20
+    limit = memory_mb * 2**20 + _address_space()
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
@@ -44,6 +44,15 @@ def _child(connection, log: str, memory_mb: int, function: Callable, arguments: 
     connection.close()
 
 
+def _address_space() -> int:
+    """Return the bytes of address space that this process has, libraries mostly; 0 where the system does not say."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as file:
+            return int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
+
+
 def _threads() -> int:
     """Return how many threads this process has; 0 where the system does not say."""
     try:
@@ -56,7 +65,7 @@ def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, 
     """Return ``function(*arguments)``, computed in a child process with limits.
 
     ``function`` must be importable and its arguments and result picklable; ``what`` names the tool in the
-    refusal ("gmsh"). ``memory_mb`` limits the child's address space.
+    refusal ("gmsh"). ``memory_mb`` limits the address space that the child takes besides what it starts with.
 
     Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
     crash or an exception, or the :class:`Refused` that the function itself raised.
