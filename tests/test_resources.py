@@ -51,6 +51,15 @@ def test_suggestions_follow_the_largest_job(results):
     assert (found["index"].mem_mb, found["index"].group) == (500, 9000)
 
 
+def test_the_larger_of_sample_and_log_counts(results):
+    log = results / "logs/o0/tets.solid.log"
+    log.parent.mkdir(parents=True)
+    for said, most in ((1234, 1234), (17, 900)):  # Snakemake noted 400 of this job and 900 of another
+        log.write_text(f"vibraverse tets\nwrote x\ntets: done in 9.8 s, at most {said} MB\n")
+        assert measured.suggest(measured.read(Paths(results)), 30)["tets"].most_mb == most
+    assert measured.read(Paths(results))["tets", "o0/tets.solid.tsv"].memory_mb == 400
+
+
 def test_memory_grows_with_the_unknowns(results):
     paths = Paths(results)
     jobs, sizes = measured.read(paths), measured.unknowns(paths)

@@ -1,4 +1,7 @@
-"""What jobs took, as Snakemake noted it beside them, and what to ask for next time.
+"""What jobs took, as Snakemake and their own logs note it, and what to ask for next time.
+
+Snakemake samples a job's memory, misses short peaks, and sees nothing of a job under ``vibraverse warm``; the last
+line of the job's log says the most it had. The larger of the two counts.
 
 Memory is the largest seen and half as much again, time three times the largest seen: a job that asks for too
 little runs twice, one that asks for a little too much only waits a little longer.
@@ -8,6 +11,7 @@ from __future__ import annotations
 
 import csv
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from statistics import linear_regression, median
@@ -20,6 +24,8 @@ MEMORY_MARGIN, TIME_MARGIN = 1.5, 3.0
 MEMORY_STEP_MB = 500
 #: MB that Snakemake itself takes in every job of a cluster.
 JOB_MB = 150
+
+_LOGGED = re.compile(r"at most (\d+) MB\s*$")
 
 #: A rule, and the folder and file that its job is measured in.
 Job = tuple[str, str]
@@ -55,10 +61,22 @@ def read(paths: Paths) -> dict[Job, Measurement]:
     for path in sorted(folder.rglob("*.tsv")):
         with open(path, encoding="utf-8", newline="") as file:
             row = next(csv.DictReader(file, delimiter="\t"), {})
-        seconds, memory = _number(row.get("s")), _number(row.get("max_rss"))
+        name = path.relative_to(folder)
+        seconds = _number(row.get("s"))
+        seen = [_number(row.get("max_rss")), _logged(folder.with_name("logs") / name.with_suffix(".log"))]
+        memory = max((one for one in seen if one is not None), default=None)
         if seconds is not None:
-            found[path.name.split(".")[0], str(path.relative_to(folder))] = Measurement(seconds, memory)
+            found[path.name.split(".")[0], str(name)] = Measurement(seconds, memory)
     return found
+
+
+def _logged(log: Path) -> float | None:
+    """Return the most MB that a job had, by the last line of its log."""
+    try:
+        last = _LOGGED.search(log.read_text(encoding="utf-8", errors="replace"))
+    except FileNotFoundError:
+        return None
+    return float(last[1]) if last else None
 
 
 def suggest(jobs: dict[Job, Measurement], group_minutes: float) -> dict[str, Suggestion]:
