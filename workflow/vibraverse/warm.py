@@ -115,7 +115,7 @@ def _serve(listening: socket.socket) -> None:
             importlib.import_module(name)
     with contextlib.suppress(ImportError):
         _load_compiled_loops()
-    signal.signal(signal.SIGCHLD, signal.SIG_IGN)  # keepers leave no zombies
+    signal.signal(signal.SIGCHLD, _reap)
     while True:
         connection, _ = listening.accept()
         if os.fork() == 0:
@@ -126,6 +126,13 @@ def _serve(listening: socket.socket) -> None:
             finally:
                 os._exit(0)
         connection.close()
+
+
+def _reap(*_) -> None:
+    """Take note of the keepers that have ended, so that they leave no zombies and their time is counted."""
+    with contextlib.suppress(ChildProcessError):
+        while os.waitpid(-1, os.WNOHANG)[0]:
+            pass
 
 
 def _load_compiled_loops() -> None:
