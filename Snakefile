@@ -35,7 +35,9 @@ rule all:
 
 
 onsuccess:
-    if os.path.exists(paths.dataset_record):
+    if plan.owned is not None:
+        print(f"Slice {plan.config.slice} is made. When all are: --config slice=join")
+    elif os.path.exists(paths.dataset_record):
         shell("vibraverse refusals --record {paths.dataset_record:q}")
         print(f"The report: {paths.report}")
 

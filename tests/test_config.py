@@ -41,7 +41,10 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
 @pytest.mark.parametrize(
     ("values", "sentence"),
     [
-        ({"sourcess": {}}, "unknown key 'sourcess'; did you mean 'sources'? (known: results, sources, "),
+        (
+            {"sourcess": {}},
+            "unknown key 'sourcess'; did you mean 'sources'? (known: results, slice, sources, ",
+        ),
         (
             {"dataset": {"shard": 3}},
             "unknown key 'dataset.shard'; did you mean 'shards'? (known: shards, splits, ",

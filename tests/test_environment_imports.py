@@ -19,8 +19,13 @@ WORKFLOW = Path(__file__).resolve().parent.parent / "workflow"
 ENVS = WORKFLOW.parent / "envs"
 
 #: Modules a stage's code mentions without its job reaching them: the command's own reading of YAML, the PyTorch
-#: reader, the validator.
-NOT_ENTERED = ("vibraverse.config", "vibraverse.dataset.pytorch", "vibraverse.dataset.validator")
+#: reader, the validator, the warm process, which imports what there is.
+NOT_ENTERED = (
+    "vibraverse.config",
+    "vibraverse.dataset.pytorch",
+    "vibraverse.dataset.validator",
+    "vibraverse.warm",
+)
 
 
 def source(module: str) -> Path | None:
@@ -61,7 +66,7 @@ def jobs() -> list[tuple[str, str]]:
     """Return (module, environment) for each rule that runs a stage, and for learning."""
     found = [("vibraverse.dataset.pytorch", "learn")]
     for path in sorted((WORKFLOW / "rules").glob("*.smk")):
-        for rule in re.split(r"^rule ", path.read_text(), flags=re.MULTILINE)[1:]:
+        for rule in re.split(r"^ *rule ", path.read_text(), flags=re.MULTILINE)[1:]:
             stage, environment = re.search(r'"vibraverse (\w+)', rule), re.search(r"envs/(\w+)\.yaml", rule)
             if stage and environment and source(f"vibraverse.stages.{stage[1]}"):
                 found.append((f"vibraverse.stages.{stage[1]}", environment[1]))

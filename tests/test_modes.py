@@ -282,7 +282,7 @@ def test_broken_tetrahedra_become_a_refusal(tmp_path, vibraverse):
 def test_a_body_too_large_for_its_memory_is_refused(tmp_path, factorisation):
     """In a process of its own, because the limit counts all that the process has."""
     write_tets(tmp_path / "tets.msh", *box((1.8, 1.2, 0.9), (9, 7, 6)))
-    options = {"factorisation": factorisation, "memory_mb": 1000}
+    options = {"factorisation": factorisation, "memory_mb": 400}
     done = subprocess.run(
         [sys.executable, "-m", "vibraverse", "basis", "--object", "brick", "--solidity", "solid",
          "--tets", tmp_path / "tets.msh", "--basis", tmp_path / "basis.h5", "--options", json.dumps(options)],
@@ -292,7 +292,7 @@ def test_a_body_too_large_for_its_memory_is_refused(tmp_path, factorisation):
     assert "Traceback" not in done.stderr
     refusal = read_refusal(tmp_path / "basis.h5")
     assert refusal.reason == "limit"
-    assert "1000 MB" in refusal.message
+    assert "400 MB" in refusal.message
     assert "basis.memory_mb" in refusal.advice
 
 

@@ -52,7 +52,7 @@ def said(check, *arguments) -> str:
 
 def test_every_rule_that_runs_a_stage_has_the_image_of_its_environment(root):
     for path in (root / "workflow/rules").glob("*.smk"):
-        for rule in re.split(r"^rule ", path.read_text(), flags=re.M)[1:]:
+        for rule in re.split(r"^ *rule ", path.read_text(), flags=re.M)[1:]:
             environment = re.search(r"envs/(\w+)\.yaml", rule)
             if environment:
                 assert f'image("{environment[1]}")' in rule, f"{path.name}: {rule.splitlines()[0]}"

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from vibraverse import guard, progress
 from vibraverse.config import parse
+from vibraverse.dataset.chain import stage_products
+from vibraverse.paths import SOLIDITIES
 from vibraverse.plan import Plan
 from vibraverse.refusal import Refusal
-from vibraverse.targets import object_products
 
 CONFIG = """
 sources: {generated: {count: 4, families: [bar]}, bundled: []}
@@ -31,7 +34,10 @@ def plan(tmp_path, monkeypatch) -> Plan:
         "materials": {"steel": None, "wood": None}, "images": {"views": 2, "looks": ["clay"]},
     }))  # fmt: skip
     for object_id in (DONE, PARTLY, GONE):
-        for path in [f"results/objects/{object_id}/source.mesh", *object_products(plan, object_id)]:
+        for path in [
+            f"results/objects/{object_id}/source.mesh",
+            *stage_products(plan.paths, object_id, SOLIDITIES),
+        ]:
             refused = object_id == GONE or (object_id == PARTLY and "/hollow/" in path)
             stage = "clean" if object_id == GONE else "hollow"
             refusal = Refusal(
@@ -113,12 +119,14 @@ def test_the_command_says_it_all(plan, vibraverse):
 
 def test_a_run_that_works_is_noticed_by_its_lock(plan, vibraverse):
     assert guard.run_since("results") is None
-    lock = guard.only_run("results")
-    try:
+    program = "from vibraverse.guard import only_run; only_run('results'); print(1, flush=True); input()"
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as run:
+        assert run.stdout.readline()
         assert guard.run_since("results") == pytest.approx(os.stat("results/.run.lock").st_mtime)
         assert "A run works, on 0 jobs of objects." in vibraverse("status")[1]
-    finally:
-        lock.close()
+        run.communicate(b"\n")
     assert guard.run_since("results") is None
 
 

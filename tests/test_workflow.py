@@ -12,6 +12,7 @@ import time
 import pytest
 import yaml
 
+from vibraverse import guard
 from vibraverse.refusal import read_refusal
 from workflow_runs import Run
 
@@ -168,15 +169,22 @@ def test_killed_and_repeated(finished, tmp_path, seed):
     assert not list((tmp_path / "results").rglob(".*.partial.*"))
 
 
+def wait_until_held(results) -> None:
+    """Wait until a run holds the results folder."""
+    for _ in range(300):
+        if guard.lock_file(results).is_file():
+            with open(guard.lock_file(results), "a+") as lock:
+                if guard.holder(lock.fileno()) is not None:
+                    return
+        time.sleep(0.1)
+    raise AssertionError("no run began")
+
+
 def test_only_one_run_at_a_time(finished, tmp_path):
     run = Run(tmp_path, finished.root)
     process = run.start()
     try:
-        lock = tmp_path / "results/.run.lock"
-        for _ in range(300):
-            if lock.is_file() and lock.read_text():
-                break
-            time.sleep(0.1)
+        wait_until_held(tmp_path / "results")
         second = run(check=False)
         assert second.returncode == 1
         assert f"another run (process {process.pid}) is working in results" in second.stdout + second.stderr

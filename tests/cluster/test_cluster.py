@@ -6,7 +6,9 @@ import os
 import re
 import signal
 import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 from cluster_runs import CHAIN, HOLLOW, QUICK, call, slurm_script
@@ -116,6 +118,33 @@ def test_a_main_process_that_ends_is_started_again(cluster_run, expected, number
 def test_groups_and_arrays_give_the_same(cluster_run, expected, grouping):
     cluster_run(*QUICK, *grouping)
     assert cluster_run.checksums() == expected
+
+
+@pytest.mark.long
+def test_an_array_of_slices_and_its_join_give_the_bytes_of_one_run(slurm, root, tmp_path):
+    """Two bodies in two slices, then the join, all submitted at once; nothing is left for a run of everything."""
+    config = {
+        **HOLLOW,
+        "sources": {"generated": {"count": 2, "families": ["bar"]}, "bundled": [], "files": []},
+    }
+    config["dataset"] = {"shards": 3}  # the two bars are in the second and the third
+    whole, parts = (Run(tmp_path / name, root, config) for name in ("whole", "parts"))
+    for run in (whole, parts):
+        run.folder.mkdir()
+    whole()
+    parts.command()  # writes the configuration
+    vibraverse = str(Path(sys.executable).with_name("vibraverse"))
+    said = call(vibraverse, "submit", "--slices", "2", "--cores", "1", "--mem-mb", "9000", cwd=parts.folder)
+    again = subprocess.run(
+        [vibraverse, "submit", "--slices", "2"], cwd=parts.folder, capture_output=True, text=True
+    )
+    assert "of an earlier run still work in" in again.stderr
+    join = re.search(r"job (\d+) that joins", said.stdout)[1]
+    wait_for(
+        lambda: call("squeue", "-h", "-j", join, "-t", "all", "-o", "%T").stdout.strip() == "COMPLETED", 1200
+    )
+    assert parts.checksums() == whole.checksums()
+    assert parts.plan()[0] == {}
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,5 @@
 # What every rule shares: the plan, the resource classes, the wildcards.
+import gc
 import sys
 
 from vibraverse import targets
@@ -14,6 +15,11 @@ from vibraverse.stages import VERSIONS
 # `vibraverse config show FILE` says is what runs. Single keys of --config go on top of either.
 chosen = workflow.config_settings.overwrite_config if workflow.overwrite_configfiles else config
 
+# Snakemake's plan is millions of small objects that live as long as the run. To look through them for garbage
+# again and again takes a fifth of its time.
+gc.freeze()
+gc.set_threshold(200_000, 50, 1000)
+
 try:
     plan = Plan(chosen)
 except ConfigError as error:
@@ -22,7 +28,7 @@ except ConfigError as error:
 
 paths = plan.paths
 if workflow.is_main_process and not workflow.dryrun:
-    only_run(paths.results)
+    only_run(paths.results, plan.owned)
 
 
 wildcard_constraints:

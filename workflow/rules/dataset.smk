@@ -1,33 +1,35 @@
 # One HDF5 shard from the products of its objects, then the index over all shards.
+# A run that only joins takes the shards as they lie, so it plans no object's jobs.
 
+if not plan.joins:
 
-rule dataset:
-    input:
-        products=lambda wildcards: targets.shard_products(plan, wildcards.shard),
-    output:
-        shard=paths.shard,
-    log:
-        paths.log("dataset", "shard"),
-    benchmark:
-        paths.benchmark("dataset", "shard")
-    conda:
-        "../../envs/dataset.yaml"
-    container:
-        image("dataset")
-    threads: 1
-    resources:
-        mem_mb=memory("collect"),
-        runtime=minutes("collect"),
-    params:
-        options=lambda wildcards: plan.options("dataset", shard=wildcards.shard),
-        version=VERSIONS["dataset"],
-    message:
-        "dataset shard {wildcards.shard}"
-    shell:
-        "vibraverse dataset "
-        "--shard {output.shard:q} "
-        "--options {params.options:q} "
-        "--threads {threads} > {log:q} 2>&1"
+    rule dataset:
+        input:
+            products=lambda wildcards: targets.shard_products(plan, wildcards.shard),
+        output:
+            shard=paths.shard,
+        log:
+            paths.log("dataset", "shard"),
+        benchmark:
+            paths.benchmark("dataset", "shard")
+        conda:
+            "../../envs/dataset.yaml"
+        container:
+            image("dataset")
+        threads: 1
+        resources:
+            mem_mb=memory("collect"),
+            runtime=minutes("collect"),
+        params:
+            options=lambda wildcards: plan.options("dataset", shard=wildcards.shard),
+            version=VERSIONS["dataset"],
+        message:
+            "dataset shard {wildcards.shard}"
+        shell:
+            "vibraverse dataset "
+            "--shard {output.shard:q} "
+            "--options {params.options:q} "
+            "--threads {threads} > {log:q} 2>&1"
 
 
 rule index:

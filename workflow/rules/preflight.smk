@@ -6,6 +6,8 @@ from vibraverse import preflight
 in_containers = DeploymentMethod.APPTAINER in workflow.deployment_settings.deployment_method
 if in_containers and workflow.is_main_process:
     preflight.stop_without(preflight.apptainer)
+if plan.joins and workflow.is_main_process:
+    preflight.stop_without(preflight.shards, targets.missing_shards(plan))
 
 
 onstart:

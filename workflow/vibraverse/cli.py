@@ -42,6 +42,9 @@ COMMANDS = {
     "materials": "list the known materials",
     "export": "write the dataset as WebDataset tars or for Hugging Face datasets",
     "config": "check a configuration, or print its JSON schema",
+    "submit": "submit a run to Slurm as an array of slices",
+    "resources": "suggest memory, time and group sizes from a run's own measurements",
+    "warm": "run a command whose jobs find every library imported",
     "check": "say whether a dataset is whole, to the last byte, and agrees with itself",
     "status": "say how far a run is, and how long the rest takes",
     "provenance": "trace a product back to its source, with versions and commands",
@@ -92,6 +95,12 @@ def main(argv: list[str] | None = None) -> int:
         print(f"vibraverse {__version__}")
         return 0
     name, rest = argv[0], argv[1:]
+    if name in STAGES and os.environ.get("VIBRAVERSE_WARM"):
+        from vibraverse import warm
+
+        status = warm.ask(os.environ["VIBRAVERSE_WARM"], argv)
+        if status is not None:
+            return status
     use_compiled_loops()
     try:
         if name in STAGES:

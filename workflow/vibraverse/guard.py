@@ -1,64 +1,84 @@
-"""One run at a time in a results folder, with a lock that a killed run cannot leave behind.
+"""One run at a time for each part of a results folder, with locks that a killed run cannot leave behind.
 
 Snakemake's own lock is a file that stays after SIGKILL and must be removed by hand. The profiles switch it off
 (``nolock``) and this one takes its place: the kernel drops it when the process ends, however it ends.
+
+Byte ``s`` of the lock file stands for shard ``s`` of the dataset and the objects in it. A slice locks the bytes of its
+shards, any other run all bytes there could be. So runs that share an object exclude each other, and slices do not.
 """
 
 from __future__ import annotations
 
 import fcntl
 import os
+import struct
 import sys
+from collections.abc import Iterable
 from pathlib import Path
 
 from vibraverse.products import not_stored
 
+#: ``struct flock`` of 64-bit Linux: type, whence, start, length, process.
+_FLOCK = "hhqqi"
 _held = []
 
 
-def only_run(results: str | Path):
-    """Hold the results folder, until what is returned is closed or the process ends; or leave with exit status 1.
+def lock_file(results: str | Path) -> Path:
+    """Return the file that the runs of a results folder lock."""
+    return Path(results) / ".run.lock"
 
-    Whoever holds it is named. Returns None on a file system without locks.
+
+def holder(lock: int, shard: int = 0, count: int = 0) -> int | None:
+    """Return the other process that keeps ``count`` shards (0: all) from being locked; None where none does.
+
+    ``lock`` is an open lock file. Other systems than Linux do not tell.
+    """
+    if not sys.platform.startswith("linux"):
+        return None
+    asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, shard, count, 0)
+    kind, _, _, _, process = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_GETLK, asked))
+    return None if kind == fcntl.F_UNLCK else process
+
+
+def only_run(results: str | Path, shards: Iterable[int] | None = None):
+    """Hold the shards (None: everything) of a results folder, until what is returned is closed or the process ends.
+
+    Where another process holds one of them, or the folder cannot be written, that is said and the exit status is 1.
+    Returns None on a file system without locks.
     """
     folder = Path(results)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = open(folder / ".run.lock", "a+")  # noqa: SIM115 - stays open as long as the process lives
+        lock = open(lock_file(folder), "a+")  # noqa: SIM115 - stays open as long as the process lives
     except OSError as error:
         print(f"vibraverse: {not_stored(error, folder) or error}", file=sys.stderr)
         sys.exit(1)
+    parts = [(0, 0)] if shards is None else [(shard, 1) for shard in shards]
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        lock.seek(0)
+        for shard, count in parts:
+            fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB, count, shard)
+    except (BlockingIOError, PermissionError):  # which of the two is up to the file system
+        process = holder(lock.fileno(), shard, count)
         print(
-            f"vibraverse: another run (process {lock.read().strip() or 'unknown'}) is working in {folder}; "
-            "wait for it to end, or stop it.",
+            f"vibraverse: another run (process {process or 'unknown'}) is working in {folder}"
+            f"{'' if shards is None else ' on the same objects'}; wait for it to end, or stop it.",
             file=sys.stderr,
         )
         sys.exit(1)
     except OSError:
         return None  # a file system without locks: go on without one
-    try:
-        lock.truncate(0)
-        lock.write(str(os.getpid()))
-        lock.flush()
-    except OSError as error:
-        print(f"vibraverse: {not_stored(error, folder) or error}", file=sys.stderr)
-        sys.exit(1)
+    os.utime(lock.fileno())  # when the run began
     _held.append(lock)
     return lock
 
 
 def run_since(results: str | Path) -> float | None:
-    """Return when the run that holds a results folder began, as seconds since 1970; None where none does."""
-    path = Path(results) / ".run.lock"
+    """Return when the latest run that holds a part of a results folder began, as seconds since 1970.
+
+    None where no other process does. Not for a process that holds a part itself: closing the file would let it go.
+    """
     try:
-        with open(path, "rb") as lock:
-            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except BlockingIOError:
-        return path.stat().st_mtime
+        with open(lock_file(results), "rb") as lock:
+            return None if holder(lock.fileno()) is None else os.fstat(lock.fileno()).st_mtime
     except OSError:
         return None
-    return None

@@ -3,6 +3,10 @@
 Meshers hang and crash on real models. In a child they cost one object, not the run: a timeout, a crash or
 an exhausted memory limit becomes a refusal that carries the tool's last words. Solvers do neither, but what they need
 grows fast with the mesh; they get a limit where they run.
+
+The child is a fork: it has the libraries that its parent imported, which a new process would import again for longer
+than many a body takes. A fork of a process with several threads may wait for ever for one that it does not have, so
+there the child is a new process.
 """
 
 from __future__ import annotations
@@ -27,7 +31,7 @@ def _child(connection, log: str, memory_mb: int, function: Callable, arguments: 
     with open(log, "wb", buffering=0) as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
-    limit = memory_mb * 2**20
+    limit = memory_mb * 2**20 + _address_space()
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
@@ -42,16 +46,33 @@ def _child(connection, log: str, memory_mb: int, function: Callable, arguments: 
     connection.close()
 
 
+def _address_space() -> int:
+    """Return the bytes of address space that this process has, libraries mostly; 0 where the system does not say."""
+    try:
+        with open("/proc/self/statm", encoding="ascii") as file:
+            return int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:
+        return 0
+
+
+def _threads() -> int:
+    """Return how many threads this process has; 0 where the system does not say."""
+    try:
+        return len(os.listdir("/proc/self/task"))
+    except OSError:
+        return 0
+
+
 def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, what: str):
     """Return ``function(*arguments)``, computed in a child process with limits.
 
     ``function`` must be importable and its arguments and result picklable; ``what`` names the tool in the
-    refusal ("gmsh"). ``memory_mb`` limits the child's address space.
+    refusal ("gmsh"). ``memory_mb`` limits the address space that the child takes besides what it starts with.
 
     Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
     crash or an exception, or the :class:`Refused` that the function itself raised.
     """
-    context = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("fork" if _threads() == 1 else "spawn")
     receiver, sender = context.Pipe(duplex=False)
     handle, log = tempfile.mkstemp(prefix="vibraverse-", suffix=".log")
     os.close(handle)
@@ -100,14 +121,14 @@ def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, 
 
 @contextmanager
 def limited_memory(memory_mb: int, what: str, key: str) -> Iterator[None]:
-    """Let this process have no more than ``memory_mb`` of address space, as configured by ``key``, for a while.
+    """Let this process have no more than ``memory_mb`` of address space besides what it has, as configured by ``key``.
 
     Raises :class:`Refused` with reason ``limit`` instead of ``MemoryError``.
     """
     import resource
 
     before = resource.getrlimit(resource.RLIMIT_AS)
-    limit = memory_mb * 2**20
+    limit = memory_mb * 2**20 + _address_space()
     if before[1] != resource.RLIM_INFINITY:
         limit = min(limit, before[1])
     resource.setrlimit(resource.RLIMIT_AS, (limit, before[1]))

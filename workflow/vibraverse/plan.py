@@ -10,7 +10,7 @@ import json
 from pathlib import Path
 
 from vibraverse.config import Config, ConfigError, parse
-from vibraverse.dataset.splits import shard_of
+from vibraverse.dataset.splits import JOIN, shard_of, shards_of_slice
 from vibraverse.paths import Paths
 from vibraverse.sources.catalogue import Entry, catalogue
 
@@ -24,7 +24,10 @@ _NOT_RECORDED = {
 
 
 class Plan:
-    """The objects of a configuration and the options of their stages."""
+    """The objects of a configuration, or of its slice, and the options of their stages.
+
+    ``owned`` are the numbers of the shards that a slice makes, None where the run makes or joins all.
+    """
 
     def __init__(self, values: dict | Config):
         self.config = values if isinstance(values, Config) else parse(values)
@@ -32,14 +35,26 @@ class Plan:
         if kept and not Path(kept).expanduser().is_file():
             raise ConfigError(f"dataset.keep_splits: the file {kept} does not exist")
         self.paths = Paths(self.config.results)
-        self.objects: dict[str, Entry] = catalogue(self.config)
+        self.joins = self.config.slice == JOIN
+        sliced = self.config.slice is not None and not self.joins
+        shards = self.config.dataset.shards
+        self.owned = shards_of_slice(self.config.slice, shards) if sliced else None
+        self.objects: dict[str, Entry] = {}
         self.shards: dict[str, list[str]] = {}
-        for object_ in self.objects:
-            self.shards.setdefault(self.shard_of(object_), []).append(object_)
+        mine = {self._name(shard) for shard in self.owned} if sliced else None
+        for object_, entry in catalogue(self.config).items():
+            shard = self.shard_of(object_)
+            if mine is None or shard in mine:
+                self.objects[object_] = entry
+                self.shards.setdefault(shard, []).append(object_)
 
     def shard_of(self, object_: str) -> str:
         """Return the shard an object belongs to, by a stable hash of its id."""
-        return f"{shard_of(object_, self.config.dataset.shards):05d}"
+        return self._name(shard_of(object_, self.config.dataset.shards))
+
+    @staticmethod
+    def _name(shard: int) -> str:
+        return f"{shard:05d}"
 
     def options(self, stage: str, object_: str = "", shard: str = "") -> str:
         """Return the JSON block a stage uses, for one object or shard where it differs between them."""

@@ -63,10 +63,20 @@ def images(urls: Iterable[str]) -> None:
                 )
 
 
+def shards(missing: list[str]) -> None:
+    """Check that the slices of a run have made all shards."""
+    if missing:
+        raise NotThere(
+            f"`slice: join` takes the shards that the slices made, but {len(missing)} of them are not there "
+            f"({', '.join(Path(path).name for path in missing[:5])}{', …' if len(missing) > 5 else ''}); run the "
+            "slices again, or without `slice` to make everything that is missing"
+        )
+
+
 def slurm(jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".") -> None:
     """Check that Slurm answers, has what jobs (rule, resources) ask for, and no earlier run's jobs in ``folder``."""
-    partitions, default = _partitions()
-    _no_earlier_jobs(Path(folder).resolve())
+    there, default = partitions()
+    no_earlier_jobs(Path(folder).resolve())
     asked = {}
     for rule, resources in jobs:
         gpus = resources.get("gpu") or ("gpu" in str(resources.get("gres", "")))
@@ -75,14 +85,14 @@ def slurm(jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".") -> None
         asked[key] = max(asked.get(key, 0), int(resources.get("mem_mb") or 0))
     for (rule, chosen, gpus), memory_mb in sorted(asked.items(), key=str):
         for name in (chosen or "").split(",") if chosen else []:
-            if name not in partitions:
+            if name not in there:
                 raise NotThere(
                     f"Slurm has no partition {name!r}, which the rule {rule} asks for; there are: "
-                    f"{', '.join(sorted(partitions))}. Set slurm_partition in the profile"
+                    f"{', '.join(sorted(there))}. Set slurm_partition in the profile"
                 )
-            memory, has_gpus = partitions[name]
+            memory, has_gpus = there[name]
             if gpus and not has_gpus:
-                others = [other for other, (_, has) in sorted(partitions.items()) if has]
+                others = [other for other, (_, has) in sorted(there.items()) if has]
                 raise NotThere(
                     f"the rule {rule} asks for a GPU, but the partition {name} has none; "
                     + (f"GPUs are in: {', '.join(others)}" if others else "no partition has one")
@@ -111,7 +121,7 @@ def _ask(*command: str) -> str:
     return done.stdout
 
 
-def _partitions() -> tuple[dict[str, tuple[int, bool]], str | None]:
+def partitions() -> tuple[dict[str, tuple[int, bool]], str | None]:
     """Return name -> (MB of the largest node, whether it has GPUs), and the default partition."""
     found: dict[str, tuple[int, bool]] = {}
     default = None
@@ -124,7 +134,7 @@ def _partitions() -> tuple[dict[str, tuple[int, bool]], str | None]:
     return found, default
 
 
-def _no_earlier_jobs(folder: Path) -> None:
+def no_earlier_jobs(folder: Path) -> None:
     """Check that no job of a run that was killed still writes here: it and this run would disturb each other."""
     queue = _ask("squeue", "-h", "-u", str(os.getuid()), "-t", "PENDING,RUNNING,COMPLETING", "-o", "%i|%Z")
     left = [line.split("|")[0] for line in queue.splitlines() if line.split("|")[1] == str(folder)]

@@ -9,6 +9,7 @@ the products would have been.
 from __future__ import annotations
 
 import os
+import resource
 import shlex
 import sys
 import time
@@ -157,7 +158,7 @@ def run(job: Job, command: list[str]) -> int:
     seconds = time.perf_counter() - started
     for path in _flat(job.final)[:8]:
         print(f"wrote {path}", file=sys.stderr)
-    print(f"{job.stage.name}: done in {seconds:.1f} s", file=sys.stderr)
+    print(f"{job.stage.name}: done in {seconds:.1f} s, at most {_most_mb()} MB", file=sys.stderr)
     return 0
 
 
@@ -198,3 +199,9 @@ def _not_stored(job: Job, error: Exception) -> str:
         ):
             return ""
     return products.not_stored(error, finals[0])
+
+
+def _most_mb() -> int:
+    """Return the most memory that this process or its largest child had, in MB; libraries count in both."""
+    who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    return max(resource.getrusage(one).ru_maxrss for one in who) // 1024

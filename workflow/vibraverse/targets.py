@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from shlex import quote
 
+from vibraverse.dataset.chain import stage_products
 from vibraverse.plan import Plan
 from vibraverse.validation.bodies import BODIES
 
@@ -22,30 +23,16 @@ def views(plan: Plan) -> list[str]:
     return [plan.paths.view.replace("{look}-{view}", name) for name in plan.config.images.names()]
 
 
-def object_products(plan: Plan, object_: str) -> list[str]:
-    """Return every product of one object that the dataset packs."""
-    paths = plan.paths
-    patterns = [
-        paths.source_record,
-        paths.surface,
-        paths.clean_record,
-        paths.grids,
-        paths.coarse,
-        paths.images_record,
-        *views(plan),
-    ]
-    if "hollow" in plan.config.solidities:
-        patterns += [paths.hollow_surface, paths.hollow_record]
-    body = [paths.tets, paths.tets_record, paths.basis, paths.modes, paths.audio_record, *sounds(plan)]
-    products = [paths.at(pattern, object=object_) for pattern in patterns]
-    for solidity in plan.config.solidities:
-        products += [paths.at(pattern, object=object_, solidity=solidity) for pattern in body]
-    return products
-
-
 def shard_products(plan: Plan, shard: str) -> list[str]:
-    """Return every product of the objects in one shard."""
-    return [product for object_ in sorted(plan.shards[shard]) for product in object_products(plan, object_)]
+    """Return one product of every job that the objects of a shard need.
+
+    Naming all of them would double the files that Snakemake keeps in mind: 9 GB for 50,000 objects.
+    """
+    return [
+        product
+        for object_ in sorted(plan.shards[shard])
+        for product in stage_products(plan.paths, object_, plan.config.solidities)
+    ]
 
 
 def shards(plan: Plan) -> list[str]:
@@ -65,10 +52,17 @@ def kept_splits_argument(plan: Plan) -> str:
 
 
 def everything(plan: Plan) -> list[str]:
-    """Return what a run makes in the end."""
+    """Return what a run makes in the end: a slice makes its shards, every other run the report, verdict and dataset."""
+    if plan.owned is not None:
+        return shards(plan)
     paths = plan.paths
     # Others than the first two because results of before they were made would never get them else.
     return [paths.report, paths.verdict, paths.dataset_config, paths.dataset_sums, paths.index_parquet]
+
+
+def missing_shards(plan: Plan) -> list[str]:
+    """Return the shards that are not there."""
+    return [path for path in shards(plan) if not os.path.isfile(path)]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:

@@ -14,6 +14,7 @@ from vibraverse.config.geometry import Clean, Grids, Hollow, Tets
 from vibraverse.config.media import Audio, Images
 from vibraverse.config.physics import Basis, Material, Modes, Sampled
 from vibraverse.config.sources import Sources
+from vibraverse.dataset.splits import JOIN, slice_numbers
 from vibraverse.physics.materials import MATERIALS, sampled_number
 
 
@@ -26,6 +27,10 @@ class Config(Section):
 
     results: str = "results"
     """Folder of all products."""
+
+    slice: str | None = None
+    """``i/n``: only the i-th of n parts of the objects, up to their shards of the dataset; ``join``: only what is made
+    of the shards. Without it, everything (see docs/cluster.md)."""
 
     sources: Sources = Sources()
     """Which objects there are."""
@@ -72,6 +77,24 @@ class Config(Section):
 
     report: Report = Report()
     """The page people open."""
+
+    @field_validator("slice")
+    @classmethod
+    def _known_slice(cls, text):
+        if text not in (None, JOIN):
+            slice_numbers(text)
+        return text
+
+    @model_validator(mode="after")
+    def _slices_own_whole_shards(self):
+        if self.slice not in (None, JOIN):
+            _, slices = slice_numbers(self.slice)
+            if slices > self.dataset.shards:
+                raise ValueError(
+                    f"slice: a slice makes whole shards of the dataset, and dataset.shards is {self.dataset.shards}; "
+                    f"raise it to {slices} or more, or cut at most {self.dataset.shards} slices"
+                )
+        return self
 
     @field_validator("materials")
     @classmethod

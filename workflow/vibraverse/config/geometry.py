@@ -16,7 +16,7 @@ class Limits(Section):
     """Time after which the tool is stopped and the object refused."""
 
     memory_mb: PositiveInt = 4096
-    """Memory beyond which the tool is stopped and the object refused."""
+    """Memory, besides its libraries', beyond which the tool is stopped and the object refused."""
 
 
 class Clean(Section):

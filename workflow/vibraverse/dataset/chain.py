@@ -59,6 +59,17 @@ def refusals_of(paths: Paths, object_id: str, solidities=SOLIDITIES) -> Refusals
     return Refusals(at_object, bodies)
 
 
+def stage_products(paths: Paths, object_id: str, solidities) -> list[str]:
+    """Return one product per stage that worked on the object and on these bodies: those that state their provenance."""
+    found = [paths.at(getattr(paths, name), object=object_id) for name in OBJECT_CHAIN]
+    for solidity in solidities:
+        found += [
+            paths.at(getattr(paths, name), object=object_id, solidity=solidity)
+            for name in body_chain(solidity)
+        ]
+    return found
+
+
 def objects_in(paths: Paths) -> list[str]:
     """Return the ids of the objects that have products, sorted."""
     folder = Path(paths.at(paths.object, object="_")).parent

@@ -17,7 +17,6 @@ import soundfile
 from vibraverse import products
 from vibraverse.basisfile import read_basis
 from vibraverse.config.media import split_sound
-from vibraverse.dataset.chain import OBJECT_CHAIN, body_chain
 from vibraverse.dataset.copies import scale_free_spectrum
 from vibraverse.geometry.moments import scale_free_moments
 from vibraverse.meshfiles import read_mesh, read_ply
@@ -95,17 +94,6 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
         yield f"{solidity}/sounds/{name}@sample_rate_hz", sample_rate_hz
         yield f"{solidity}/sounds/{name}@duration_s", len(samples) / sample_rate_hz
         yield f"{solidity}/sounds/{name}@gain", facts["gain"]
-
-
-def stage_products(paths: Paths, object_id: str, solidities) -> list[Path]:
-    """Return one product per stage that worked on the object and on these bodies: those that state their provenance."""
-    found = [paths.at(getattr(paths, name), object=object_id) for name in OBJECT_CHAIN]
-    for solidity in solidities:
-        found += [
-            paths.at(getattr(paths, name), object=object_id, solidity=solidity)
-            for name in body_chain(solidity)
-        ]
-    return [Path(path) for path in found]
 
 
 def _surface(place: str, path: Path) -> Pairs:

@@ -7,6 +7,7 @@ small arrays stay as they are, because neither gets smaller.
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import NamedTuple
 
 import h5py
@@ -14,7 +15,7 @@ import numpy as np
 
 from vibraverse.config.dataset import ShardOptions
 from vibraverse.dataset import collect, schema
-from vibraverse.dataset.chain import refusals_of
+from vibraverse.dataset.chain import refusals_of, stage_products
 from vibraverse.dataset.checksums import checksums
 from vibraverse.dataset.making import join, making_of
 from vibraverse.dataset.tables import to_tsv
@@ -56,7 +57,7 @@ def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, sha
     bodies = [solidity for solidity in options.solidities if solidity not in refusals.bodies]
     for solidity in bodies:
         write_fields(group, collect.body_fields(paths, object_id, solidity, options.materials))
-    made = collect.stage_products(paths, object_id, bodies)
+    made = [Path(path) for path in stage_products(paths, object_id, bodies)]
     folder = paths.at(paths.object, object=object_id)
     write_field(
         group, "products", json.dumps({path.relative_to(folder).as_posix(): sha256(path) for path in made})

@@ -1,4 +1,4 @@
-"""Where an object belongs: its shard and, unless it is a copy, its split are stable hashes of its id.
+"""Where an object belongs: shard, with it slice, and, unless it is a copy, split are stable hashes of its id.
 
 Neither time nor order nor the other objects matter, so a growing dataset moves nothing. Everything made of one
 object stands on the same side, and so do the copies of one shape (:mod:`vibraverse.dataset.copies`): all go where the
@@ -15,6 +15,9 @@ from collections import Counter
 from typing import NamedTuple
 
 from vibraverse.seeds import stable_hash
+
+#: Instead of a slice: what is made of all shards, once the slices have made them.
+JOIN = "join"
 
 #: Columns of ``splits.tsv``, one row per object: type and meaning.
 SPLIT_COLUMNS: dict[str, tuple[type, str]] = {
@@ -53,6 +56,23 @@ class Splits(NamedTuple):
 def shard_of(object_id: str, shards: int) -> int:
     """Return the number of the object's shard, 0 ≤ number < ``shards``."""
     return stable_hash(object_id, "shard") % shards
+
+
+def slice_numbers(text: str) -> tuple[int, int]:
+    """Return (i, n) of the slice ``i/n``, 1 ≤ i ≤ n; raise ``ValueError`` with a sentence for anything else."""
+    first, _, second = text.partition("/")
+    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
+        return int(first), int(second)
+    raise ValueError(f"{text!r} is neither '{JOIN}' nor a slice such as 3/50, the third of fifty")
+
+
+def shards_of_slice(text: str, shards: int) -> list[int]:
+    """Return the shards that the slice ``i/n`` makes: those whose number is i - 1 modulo n.
+
+    A shard belongs to one slice of n, whole, so slices neither share work nor leave any out.
+    """
+    number, slices = slice_numbers(text)
+    return list(range(number - 1, shards, slices))
 
 
 def split_of(object_id: str, splits: dict[str, float]) -> str:

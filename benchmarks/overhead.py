@@ -1,0 +1,118 @@
+"""What a run costs besides computing: process starts, imports and Snakemake, for many small objects.
+
+python benchmarks/overhead.py [OBJECTS] [--only plain|warm]
+
+Runs the whole workflow on generated objects with one core, by itself and under `vibraverse warm`, then repeats the
+command of every job, as its log states it, in one process in which everything is imported and compiled already and
+child processes are plain calls. What that takes is called useful computing here; the rest of a run's time is overhead.
+Times are CPU seconds of all processes, so that other work on the machine distorts them little; waiting for the disk is
+not in them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import os
+import shlex
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+CONFIG = """\
+sources: {{generated: {{count: {count}}}, bundled: []}}
+tets: {{target_elements: 1500}}
+basis: {{modes: 32}}
+images: {{looks: [clay]}}
+"""
+
+
+def snakemake(folder: Path, prefix: tuple[str, ...]) -> float:
+    """Run the workflow; return the CPU seconds of all its processes."""
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    command = [
+        *prefix, sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--cores", "1",
+        "--workflow-profile", str(ROOT / "workflow/profiles/default"),
+    ]  # fmt: skip
+    before = cpu_s()
+    done = subprocess.run(
+        command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True
+    )
+    if done.returncode != 0:
+        sys.exit(done.stdout + done.stderr)
+    return cpu_s() - before
+
+
+def cpu_s() -> float:
+    """Return the CPU seconds of this process and of the children it has waited for."""
+    times = os.times()
+    return times.user + times.system + times.children_user + times.children_system
+
+
+def replay(folder: Path) -> dict[str, list[float]]:
+    """Repeat every job in this process; return stage -> the seconds of each but the first object's."""
+    from vibraverse import cli, limits
+
+    def call(function, *arguments, seconds, memory_mb, what):
+        return function(*arguments)
+
+    limits.run_limited = call
+    os.chdir(folder)
+    cli.set_threads(1)
+    logs = sorted(Path("results/logs").rglob("*.log"), key=lambda path: path.stat().st_mtime)
+    seen: set[str] = set()
+    useful = defaultdict(list)
+    for log in logs:
+        command = shlex.split(log.read_text(encoding="utf-8").splitlines()[0])
+        if command[0] != "vibraverse" or command[1] not in cli.STAGES:
+            continue
+        kind = log.name
+        for _ in range(1 if kind in seen else 2):  # the first of its kind imports and compiles
+            with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
+                before = cpu_s()
+                if cli.main(command[1:]) != 0:
+                    sys.exit(f"{shlex.join(command)} failed")
+                seconds = cpu_s() - before
+        seen.add(kind)
+        useful[command[1]].append(seconds)
+    return useful
+
+
+def report(totals: dict[str, float], useful: dict[str, list[float]]) -> None:
+    """Print what each stage needs, and what the runs took besides."""
+    print(f"{'stage':<10}{'jobs':>6}{'useful CPU s per job':>22}")
+    for stage, seconds in useful.items():
+        print(f"{stage:<10}{len(seconds):>6}{sum(seconds) / len(seconds):>22.2f}")
+    count, computing = sum(map(len, useful.values())), sum(map(sum, useful.values()))
+    print(f"{count} jobs, useful {computing:.1f} CPU s")
+    for name, total in totals.items():
+        besides = total - computing
+        print(
+            f"{name}: {total:.1f} CPU s, {besides / count:.2f} besides per job, {besides / total:.0%} of the total"
+        )
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("objects", type=int, nargs="?", default=10)
+    parser.add_argument("--only", choices=("plain", "warm"), help="leave the other run out")
+    chosen = parser.parse_args()
+    runs = {"plain": (), "warm": (str(Path(sys.executable).with_name("vibraverse")), "warm")}
+    totals = {}
+    with tempfile.TemporaryDirectory(prefix="vibraverse-overhead-") as kept:
+        for name in [chosen.only] if chosen.only else runs:
+            folder = Path(kept, name)
+            folder.mkdir()
+            (folder / "config.yaml").write_text(CONFIG.format(count=chosen.objects))
+            totals[name] = snakemake(folder, runs[name])
+        useful = replay(folder)
+        os.chdir("/")
+    report(totals, useful)
+
+
+if __name__ == "__main__":
+    main()

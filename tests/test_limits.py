@@ -1,0 +1,55 @@
+"""Functions in child processes: what they take is limited, and how they end is said."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+
+import numpy as np
+import pytest
+
+from vibraverse.limits import run_limited
+from vibraverse.refusal import Refused
+
+
+def crash() -> None:
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def process() -> int:
+    return os.getppid()
+
+
+@pytest.fixture(params=["one thread", "two threads"])
+def threads(request):
+    """With a second thread the child is a new process, not a fork."""
+    done = threading.Event()
+    if request.param == "two threads":
+        threading.Thread(target=done.wait).start()
+    yield request.param
+    done.set()
+
+
+def test_a_result_comes_back_from_a_child(threads):
+    assert run_limited(process, seconds=60, memory_mb=500, what="it") == os.getpid()
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "seconds", "reason", "words"),
+    [
+        (np.ones, (10**8,), 60, "limit", "it needed more than 300 MB."),
+        (time.sleep, (60,), 0.2, "limit", "it was stopped after 0.2 s."),
+        (crash, (), 60, "meshing_failed", "it crashed (SIGSEGV)."),
+        (int, ("x",), 60, "meshing_failed", "it failed: ValueError"),
+    ],
+)
+def test_how_a_child_ends_is_said(threads, function, arguments, seconds, reason, words):
+    with pytest.raises(Refused, match=words.replace("(", r"\(").replace(")", r"\)")) as refused:
+        run_limited(function, *arguments, seconds=seconds, memory_mb=300, what="it")
+    assert refused.value.reason == reason
+
+
+def test_memory_is_counted_from_what_the_process_has(threads):
+    assert run_limited(np.ones, 5 * 10**6, seconds=60, memory_mb=200, what="it").sum() == 5 * 10**6

@@ -1,0 +1,111 @@
+"""Submitting slices: the scripts that Slurm gets, and what is said before it gets any."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+
+import pytest
+
+SINFO = "#!/bin/sh\necho 'cpu*|24000|(null)'\necho 'gpu|48000|gpu:2'\n"
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A working folder with a configuration of fifty shards."""
+    (tmp_path / "config.yaml").write_text("results: my results\ndataset: {shards: 50}\n")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def slurm(folder, monkeypatch):
+    """Stand-ins for Slurm's commands; ``sbatch`` numbers the jobs from 101 and keeps what it gets."""
+    commands = folder / "bin"
+    commands.mkdir()
+    sbatch = (
+        f"#!/bin/sh\nn=$(ls {folder}/bin | grep -c job)\ncat > {folder}/bin/job$n\n"
+        f'echo "$@" > {folder}/bin/arguments$n\necho $((101 + n))\n'
+    )
+    for name, text in {"sinfo": SINFO, "squeue": "#!/bin/sh\n", "sbatch": sbatch}.items():
+        (commands / name).write_text(text)
+        (commands / name).chmod(0o755)
+    monkeypatch.setenv("PATH", str(commands), prepend=":")
+    return commands
+
+
+def options(script: str) -> list[str]:
+    return re.findall(r"^#SBATCH (.*)$", script, re.MULTILINE)
+
+
+def test_the_dry_run_prints_both_scripts(folder, vibraverse):
+    status, out, err = vibraverse(
+        "submit", "--slices", 50, "--cores", 16, "--partition", "cpu", "--time", "1-0", "--at-most", 20, "--dry-run",
+        "--", "--until", "audio",
+    )  # fmt: skip
+    assert status == 0, err
+    slices, join = re.split(r"\n(?=#!)", out)
+    assert options(slices) == [
+        "--job-name=vibraverse-slice", "--array=1-50%20", "'--output=my results/logs/slices/%a.log'", "--ntasks=1",
+        "--cpus-per-task=16", "--mem=65000", "--partition=cpu", "--time=1-0",
+    ]  # fmt: skip
+    (run,) = [line for line in slices.splitlines() if line.startswith("exec ")]
+    assert run.endswith(
+        '--resources mem_mb=64000 --cores 16 --until audio --config "slice=$SLURM_ARRAY_TASK_ID/50"'
+    )
+    assert "--mem=5000" in options(join)
+    assert join.rstrip().endswith("--resources mem_mb=4000 --cores 1 --config slice=join")
+    for script in (slices, join):
+        assert subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
+    assert not (folder / "my results").exists()
+
+
+def test_the_join_waits_for_the_array(slurm, vibraverse):
+    status, out, err = vibraverse("submit", "--slices", 5, "--cores", 4)
+    assert status == 0, err
+    assert "--array=1-5" in (slurm / "job0").read_text()
+    assert "slice=join" in (slurm / "job1").read_text()
+    assert (slurm / "arguments1").read_text() == "--parsable --dependency=afterany:101\n"
+    assert "5 slices as job 101, and job 102 that joins" in out
+    assert (slurm.parent / "my results/logs/slices").is_dir()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (["--slices", 51], "dataset.shards is 50; raise it to 51 or more"),
+        (["--slices", 0], "--slices must be at least 1"),
+        (["--slices", 5, "--cores", 0], "--cores must be at least 1"),
+        (["--slices", 5, "--mem-mb", 500], "--mem-mb must be more than"),
+        (["--slices", 5, "--profile", "nowhere"], "there is no profile nowhere"),
+        (["--slices", 5, "--configfile", "no.yaml"], "no.yaml does not exist"),
+        (["--slices", 5, "--partition", "fast"], "Slurm has no partition 'fast'; there are: cpu, gpu"),
+        (["--slices", 5, "--cores", 16], "65000 MB, but the largest node of the partition cpu has 24000 MB"),
+    ],
+)
+def test_a_request_that_cannot_be_is_one_sentence(slurm, vibraverse, arguments, sentence):
+    status, out, err = vibraverse("submit", *arguments)
+    assert (status, out) == (2, "")
+    assert sentence in err
+    assert len(err.splitlines()) == 1
+    assert not list(slurm.glob("job*"))
+
+
+def test_a_profile_that_hands_jobs_on_is_refused(slurm, root, vibraverse):
+    status, _, err = vibraverse("submit", "--slices", 5, "--profile", root / "workflow/profiles/slurm")
+    assert status == 2
+    assert "hands jobs to slurm, but each element of the array runs its slice on its own node" in err
+
+
+def test_jobs_of_an_earlier_run_are_waited_for(slurm, vibraverse):
+    (slurm / "squeue").write_text(f'#!/bin/sh\necho "7|{slurm.parent}"\n')
+    status, _, err = vibraverse("submit", "--slices", 5, "--cores", 1)
+    assert status == 2
+    assert "1 Slurm jobs of an earlier run still work in" in err
+
+
+def test_without_slurm_nothing_is_submitted(folder, monkeypatch, vibraverse):
+    monkeypatch.setenv("PATH", str(folder))
+    status, _, err = vibraverse("submit", "--slices", 5)
+    assert status == 2
+    assert "there is no command sinfo here" in err

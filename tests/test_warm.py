@@ -1,0 +1,142 @@
+"""Jobs forked from a warm process: products, logs, exit statuses and limits of jobs that start by themselves."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import shapes
+from vibraverse import warm
+from vibraverse.meshfiles import write_ply
+
+COMMANDS = Path(sys.executable).parent
+
+
+@pytest.fixture(scope="module")
+def process(tmp_path_factory):
+    """A warm process and the environment of commands that use it; it imports what ``sources`` and ``clean`` need."""
+    kept = warm._LIBRARIES
+    warm._LIBRARIES = tuple(name for name in kept if "clean" in name or "families" in name)
+    with warm.Warm() as running:
+        warm._LIBRARIES = kept
+        path = f"{COMMANDS}{os.pathsep}{os.environ['PATH']}"
+        yield running, {**os.environ, "PATH": path, warm.VARIABLE: running.address}
+
+
+def sources(folder: Path, environment: dict, *more: str) -> subprocess.CompletedProcess:
+    """Make a bar's mesh in a folder."""
+    folder.mkdir(exist_ok=True)
+    command = [
+        "vibraverse", "sources", "--object", "bar-0000", "--mesh", "source.mesh", "--record", "source.json", *more
+    ]  # fmt: skip
+    return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+
+
+def clean(*more: str) -> list[str]:
+    return [
+        "vibraverse", "clean", "--object", "bar-0000", "--mesh", "source.mesh", "--source-record", "source.json",
+        "--surface", "surface.ply", "--record", "clean.json", *more,
+    ]  # fmt: skip
+
+
+def children(process: int) -> list[str]:
+    return Path(f"/proc/{process}/task/{process}/children").read_text().split()
+
+
+def test_a_job_gives_the_same_bytes_and_log(process, tmp_path):
+    _, environment = process
+    cold = {key: value for key, value in environment.items() if key != warm.VARIABLE}
+    said = {}
+    for name, where in (("warm", environment), ("cold", cold)):
+        done = sources(tmp_path / name, where)
+        assert done.returncode == 0, done.stderr
+        again = subprocess.run(clean(), cwd=tmp_path / name, env=where, capture_output=True, text=True)
+        assert again.returncode == 0, again.stderr
+        said[name] = (done.stderr + again.stderr).splitlines()
+    for product in ("source.mesh", "source.json", "surface.ply", "clean.json"):
+        assert (tmp_path / "warm" / product).read_bytes() == (tmp_path / "cold" / product).read_bytes()
+    assert said["warm"][0].startswith("vibraverse sources --object bar-0000")
+    assert [line for line in said["warm"] if "done in" not in line] == [
+        line for line in said["cold"] if "done in" not in line
+    ]
+
+
+def test_a_failure_keeps_its_exit_status_and_words(process, tmp_path):
+    done = sources(tmp_path, process[1], "--options", "{not json")
+    assert done.returncode == 2
+    assert "--options is not valid JSON" in done.stderr
+    done = sources(tmp_path, process[1], "--nonsense")
+    assert done.returncode == 2
+    assert "unrecognized arguments: --nonsense" in done.stderr
+
+
+def test_the_limits_of_a_child_hold(process, tmp_path):
+    assert sources(tmp_path, process[1]).returncode == 0
+    write_ply(tmp_path / "source.mesh", *shapes.ball(subdivisions=6))
+    options = json.dumps({"limits": {"memory_mb": 10}})
+    done = subprocess.run(
+        clean("--options", options), cwd=tmp_path, env=process[1], capture_output=True, text=True
+    )
+    assert done.returncode == 0, done.stderr
+    assert "refused (limit): the repair needed more than 10 MB" in done.stderr
+
+
+def test_a_command_with_more_threads_or_of_another_installation_works_by_itself(
+    process, tmp_path, monkeypatch
+):
+    running, _ = process
+    assert warm.ask(running.address, ["sources", "--threads", "2"]) is None
+    monkeypatch.setattr(sys, "executable", "/somewhere/else/python")
+    assert warm.ask(running.address, ["sources"]) is None
+    assert warm.ask(str(tmp_path / "nothing"), ["sources"]) is None
+
+
+def test_where_nothing_listens_the_job_is_done(tmp_path, process):
+    done = sources(tmp_path, {**process[1], warm.VARIABLE: str(tmp_path / "nothing")})
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "source.mesh").is_file()
+
+
+def wait_for(what):
+    """Return ``what()`` as soon as it is true."""
+    for _ in range(1200):
+        found = what()
+        if found:
+            return found
+        time.sleep(0.05)
+    raise AssertionError("waited a minute in vain")
+
+
+def test_a_job_dies_with_its_command(process, tmp_path):
+    running, environment = process
+    assert sources(tmp_path, environment).returncode == 0  # the warm process has imported
+    wait_for(lambda: not children(running.process))
+    command = subprocess.Popen(clean(), cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL)
+    keeper = wait_for(lambda: children(running.process))[0]
+    job = wait_for(lambda: children(int(keeper)))[0]
+    os.kill(int(job), signal.SIGSTOP)  # so that it cannot end by itself
+    command.kill()
+    command.wait()
+    wait_for(lambda: not children(running.process))
+    assert not Path("/proc", job).exists()
+    assert not (tmp_path / "surface.ply").exists()
+
+
+def test_the_command_runs_another_and_passes_its_exit_status_on(tmp_path):
+    program = "import os, sys; sys.exit(7 if os.path.exists(os.environ['VIBRAVERSE_WARM']) else 1)"
+    done = subprocess.run([str(COMMANDS / "vibraverse"), "warm", sys.executable, "-c", program])
+    assert done.returncode == 7
+    killed = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
+    done = subprocess.run([str(COMMANDS / "vibraverse"), "warm", sys.executable, "-c", killed])
+    assert done.returncode == 128 + signal.SIGKILL
+    done = subprocess.run(
+        [str(COMMANDS / "vibraverse"), "warm", "no-such-command"], capture_output=True, text=True
+    )
+    assert (done.returncode, "cannot run no-such-command" in done.stderr) == (2, True)

@@ -1,0 +1,204 @@
+"""``vibraverse submit``: slices of a run as one Slurm array job, and a job that joins what they made.
+
+Each element of the array is an ordinary run of one slice on its node, with as many jobs at once as it has cores. So
+Slurm sees a few long jobs instead of hundreds of thousands of short ones, and no process has to watch them.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import yaml
+
+from vibraverse import preflight
+from vibraverse.cli import UsageError
+from vibraverse.config import ConfigError, load
+from vibraverse.containers import PROJECT
+from vibraverse.dataset.splits import JOIN
+from vibraverse.plan import Plan
+from vibraverse.resources import CLASSES
+
+#: MB that Snakemake itself takes beside its jobs, with some room: a slice of 1,000 objects takes a third of it.
+SNAKEMAKE_MB = 1000
+#: MB for each core, where nothing else is asked for.
+CORE_MB = 4000
+
+
+def parser() -> argparse.ArgumentParser:
+    """Return the command's argument parser."""
+    p = argparse.ArgumentParser(
+        prog="vibraverse submit",
+        description="Submit a run to Slurm as an array of slices, then a job that joins what they made. To go on after "
+        "an accident, give the same command again.",
+        epilog="What stands after -- is given to snakemake for every slice.",
+    )
+    p.add_argument("--slices", type=int, required=True, metavar="N", help="elements of the array")
+    p.add_argument("--cores", type=int, default=8, metavar="N", help="cores of each (default %(default)s)")
+    p.add_argument(
+        "--mem-mb",
+        type=int,
+        metavar="MB",
+        help=f"memory of each (default {CORE_MB} per core, and Snakemake's own)",
+    )
+    p.add_argument("--configfile", default="config.yaml", metavar="FILE", help="default %(default)s")
+    p.add_argument(
+        "--profile",
+        type=Path,
+        default=PROJECT / "workflow/profiles/default",
+        metavar="DIR",
+        help="profile of each run inside its element: default, or apptainer (default %(default)s)",
+    )
+    p.add_argument("--partition", metavar="NAME", help="default: the cluster's")
+    p.add_argument("--account", metavar="NAME", help="default: yours")
+    p.add_argument(
+        "--time", metavar="TIME", help="time of each, as sbatch takes it (default: the partition's)"
+    )
+    p.add_argument("--at-most", type=int, metavar="N", help="elements that run at once (default: all)")
+    p.add_argument("--sbatch", default="", metavar="OPTIONS", help="more options of sbatch, as one word")
+    p.add_argument("--dry-run", action="store_true", help="print the scripts, submit nothing")
+    p.add_argument("snakemake", nargs="*", metavar="ARGUMENT", help="given to snakemake for every slice")
+    return p
+
+
+def main(argv: list[str]) -> int:
+    """Submit the array and its join, or print their scripts."""
+    chosen = parser().parse_args(argv)
+    config = _checked(chosen)
+    logs = Path(config.results) / "logs/slices"
+    slices, join = slices_script(chosen, logs), join_script(chosen, logs)
+    if chosen.dry_run:
+        print(slices, join, sep="\n", end="")
+        return 0
+    _ready(chosen)
+    logs.mkdir(parents=True, exist_ok=True)
+    array = _sbatch(slices)
+    # After any end: where slices failed, the join says which shards are missing.
+    last = _sbatch(join, f"--dependency=afterany:{array}")
+    print(f"Submitted {chosen.slices} slices as job {array}, and job {last} that joins what they make.")
+    print(
+        f"Watch them with `squeue --me`; what each says is in {logs}. To go on after an accident: the same command."
+    )
+    return 0
+
+
+def slices_script(chosen: argparse.Namespace, logs: Path) -> str:
+    """Return the script of the array."""
+    at_once = f"%{chosen.at_most}" if chosen.at_most else ""
+    return _script(
+        chosen,
+        "vibraverse-slice",
+        [f"--array=1-{chosen.slices}{at_once}", f"--output={logs}/%a.log"],
+        chosen.cores,
+        _memory_mb(chosen),
+        chosen.snakemake,
+        f'"slice=$SLURM_ARRAY_TASK_ID/{chosen.slices}"',
+    )
+
+
+def join_script(chosen: argparse.Namespace, logs: Path) -> str:
+    """Return the script of the last job."""
+    memory_mb = CLASSES["collect"][0] + SNAKEMAKE_MB
+    return _script(
+        chosen, "vibraverse-join", [f"--output={logs}/join.log"], 1, memory_mb, [], f"slice={JOIN}"
+    )
+
+
+def _script(
+    chosen: argparse.Namespace,
+    name: str,
+    options: list[str],
+    cores: int,
+    memory_mb: int,
+    arguments: list[str],
+    key: str,
+) -> str:
+    asked = [f"--job-name={name}", *options, "--ntasks=1", f"--cpus-per-task={cores}", f"--mem={memory_mb}"]
+    asked += [
+        f"--{option}={value}"
+        for option in ("partition", "account", "time")
+        if (value := getattr(chosen, option))
+    ]
+    command = [
+        sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"),
+        "--workflow-profile", str(chosen.profile.absolute()), "--configfile", str(Path(chosen.configfile).absolute()),
+        "--resources", f"mem_mb={memory_mb - SNAKEMAKE_MB}", "--cores", str(cores), *arguments,
+    ]  # fmt: skip
+    lines = [
+        "#!/bin/bash",
+        *(f"#SBATCH {option if ' ' not in option else shlex.quote(option)}" for option in asked),
+        *([f"#SBATCH {chosen.sbatch}"] if chosen.sbatch else []),
+        f"export PATH={shlex.quote(str(Path(sys.executable).parent))}:$PATH",
+        f"cd {shlex.quote(str(Path.cwd()))}",
+        f"exec {shlex.join(command)} --config {key}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _memory_mb(chosen: argparse.Namespace) -> int:
+    """Return the memory of an element: enough for its cores, and for the largest job."""
+    largest = max(memory for memory, _ in CLASSES.values())
+    return chosen.mem_mb or max(CORE_MB * chosen.cores, largest) + SNAKEMAKE_MB
+
+
+def _checked(chosen: argparse.Namespace):
+    """Return the configuration; whatever is wrong with the request is said here."""
+    for option in ("slices", "cores", "at_most"):
+        value = getattr(chosen, option)
+        if value is not None and value < 1:
+            raise UsageError(f"--{option.replace('_', '-')} must be at least 1, not {value}")
+    if chosen.mem_mb is not None and chosen.mem_mb <= SNAKEMAKE_MB:
+        raise UsageError(f"--mem-mb must be more than the {SNAKEMAKE_MB} that Snakemake itself may take")
+    settings = chosen.profile / "config.yaml"
+    if not settings.is_file():
+        raise UsageError(f"there is no profile {chosen.profile}: {settings} does not exist")
+    executor = (yaml.safe_load(settings.read_text(encoding="utf-8")) or {}).get("executor", "local")
+    if executor != "local":
+        raise UsageError(
+            f"the profile {chosen.profile} hands jobs to {executor}, but each element of the array runs its slice on "
+            "its own node; take workflow/profiles/default or workflow/profiles/apptainer"
+        )
+    try:
+        config = load(chosen.configfile)
+        if config.slice is not None:
+            raise UsageError(f"{chosen.configfile} names a slice already ({config.slice}); leave the key out")
+        Plan({**config.model_dump(), "slice": f"1/{chosen.slices}"})
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
+    return config
+
+
+def _ready(chosen: argparse.Namespace) -> None:
+    """Check that Slurm has what is asked for, and that no earlier run works here."""
+    try:
+        there, default = preflight.partitions()
+        preflight.no_earlier_jobs(Path.cwd())
+    except preflight.NotThere as missing:
+        raise UsageError(str(missing)) from None
+    name = chosen.partition or default
+    if chosen.partition and name not in there:
+        raise UsageError(f"Slurm has no partition {name!r}; there are: {', '.join(sorted(there))}")
+    if name and (largest := there[name][0]) < _memory_mb(chosen):
+        raise UsageError(
+            f"each slice would ask for {_memory_mb(chosen)} MB, but the largest node of the partition {name} has "
+            f"{largest} MB; give fewer --cores, or --mem-mb"
+        )
+
+
+def _sbatch(script: str, *options: str) -> str:
+    """Submit a script; return the job's id."""
+    # A run inside another job must not hand that job's settings down.
+    environment = {
+        key: value for key, value in os.environ.items() if not key.startswith(("SLURM_", "SBATCH_"))
+    }
+    environment |= {"SLURM_CONF": os.environ["SLURM_CONF"]} if "SLURM_CONF" in os.environ else {}
+    done = subprocess.run(
+        ["sbatch", "--parsable", *options], input=script, capture_output=True, text=True, env=environment
+    )
+    if done.returncode != 0:
+        raise UsageError(f"Slurm did not take the job: {' '.join(done.stderr.split())}")
+    return done.stdout.strip().split(";")[0]
