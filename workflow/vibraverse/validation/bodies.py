@@ -91,7 +91,7 @@ BODIES: dict[str, Body] = {
             "box",
             (10.0, 10.0, 0.05),
             {2: (0.016, 0.007)},
-            elements=(1000, 1500, 3000),
+            elements=(1000, 2000, 5000),
             finer=(),
             modes=6,
         ),
