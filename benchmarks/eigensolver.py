@@ -6,8 +6,8 @@ The usual call is ``scipy.sparse.linalg.eigsh(K, M=M, k=70, sigma=20000)``, whic
 positive, here put at the same place in the spectrum, far below the first elastic eigenvalue of the published objects.
 Every solver runs in a process of its own on one thread. Printed are its CPU seconds, from matrices to eigenpairs and
 for this project's with the proof that none is missing; the largest relative residual; and the peak of memory, in which
-the matrices and libraries are included. With --basis also the whole basis for Poisson's ratios 0.1 to 0.4, from a mesh, without and with what
-takes the elements' own error out.
+the matrices and libraries are included. With --basis also the whole basis for Poisson's ratios 0.1 to 0.4, from a mesh,
+without and with what takes the elements' own error out.
 150,000 unknowns take SuperLU five gigabytes on a thin body, more on a box.
 """
 
