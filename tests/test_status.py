@@ -11,10 +11,9 @@ import pytest
 
 from vibraverse import guard, progress
 from vibraverse.config import parse
-from vibraverse.dataset.chain import stage_products
-from vibraverse.paths import SOLIDITIES
 from vibraverse.plan import Plan
 from vibraverse.refusal import Refusal
+from vibraverse.targets import sounds, views
 
 CONFIG = """
 sources: {generated: {count: 4, families: [bar]}, bundled: []}
@@ -34,10 +33,7 @@ def plan(tmp_path, monkeypatch) -> Plan:
         "materials": {"steel": None, "wood": None}, "images": {"views": 2, "looks": ["clay"]},
     }))  # fmt: skip
     for object_id in (DONE, PARTLY, GONE):
-        for path in [
-            f"results/objects/{object_id}/source.mesh",
-            *stage_products(plan.paths, object_id, SOLIDITIES),
-        ]:
+        for path in [f"results/objects/{object_id}/source.mesh", *object_products(plan, object_id)]:
             refused = object_id == GONE or (object_id == PARTLY and "/hollow/" in path)
             stage = "clean" if object_id == GONE else "hollow"
             refusal = Refusal(
@@ -47,6 +43,19 @@ def plan(tmp_path, monkeypatch) -> Plan:
         write(f"results/benchmarks/{object_id}/basis.solid.tsv", "s\th:m:s\n30.0\t0:00:30\n")
         write(f"results/benchmarks/{object_id}/audio.solid.tsv", "s\th:m:s\n60.0\t0:01:00\n")
     return plan
+
+
+def object_products(plan: Plan, object_id: str) -> list[str]:
+    """Return every product of one object."""
+    paths = plan.paths
+    of_object = [paths.source_record, paths.surface, paths.clean_record, paths.grids, paths.coarse]
+    of_object += [paths.images_record, *views(plan), paths.hollow_surface, paths.hollow_record]
+    of_body = [paths.tets, paths.tets_record, paths.basis, paths.modes, paths.audio_record, *sounds(plan)]
+    return [paths.at(pattern, object=object_id) for pattern in of_object] + [
+        paths.at(pattern, object=object_id, solidity=solidity)
+        for solidity in ("solid", "hollow")
+        for pattern in of_body
+    ]
 
 
 def write(path: str, text: str = "") -> None:

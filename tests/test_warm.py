@@ -79,7 +79,7 @@ def test_a_failure_keeps_its_exit_status_and_words(process, tmp_path):
 
 def test_the_limits_of_a_child_hold(process, tmp_path):
     assert sources(tmp_path, process[1]).returncode == 0
-    write_ply(tmp_path / "source.mesh", *shapes.ball(subdivisions=6))
+    write_ply(tmp_path / "source.mesh", *shapes.ball(subdivisions=7))
     options = json.dumps({"limits": {"memory_mb": 10}})
     done = subprocess.run(
         clean("--options", options), cwd=tmp_path, env=process[1], capture_output=True, text=True

@@ -14,9 +14,10 @@ from vibraverse.dataset.splits import JOIN, shard_of, shards_of_slice
 from vibraverse.paths import Paths
 from vibraverse.sources.catalogue import Entry, catalogue
 
-#: What a dataset does not depend on: where things lie, and what is made of it.
+#: What a dataset does not depend on: where things lie, which part of them a run makes, and what is made of it.
 _NOT_RECORDED = {
     "results": True,
+    "slice": True,
     "sources": {"objaverse": {"cache"}},
     "dataset": {"max_refused_share"},
     "report": True,

@@ -91,9 +91,10 @@ def _write_refusal(group, place: str, refusal: Refusal | None) -> None:
 def write_fields(group, pairs) -> None:
     """Write pairs of a filled-in path and a value into an object's group.
 
+    All are read before the first is written: HDF5 crashes when it closes one file while another could not be written.
     Raises :class:`KeyError` for a path that is not in the schema.
     """
-    for path, value in pairs:
+    for path, value in list(pairs):
         write_field(group, path, value)
 
 
