@@ -146,7 +146,7 @@ def stiffness(object_id: str, solidity: str) -> np.ndarray:
     Objects of one shape have one spectrum.
     """
     shape = object_id if object_id in _SHAPES else "ball-0000"
-    spread = np.sort(rng(shape, "spectrum").uniform(0.5, 5.0, MODES))
+    spread = np.sort(rng(shape, "spectrum").uniform(0.16, 1.6, MODES))
     return (spread * (0.72 if solidity == "hollow" else 1.0) * np.pi) ** 2
 
 
