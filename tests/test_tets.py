@@ -90,6 +90,13 @@ def test_walls_thinner_than_the_triangles_are_meshed():
     assert volumes.sum() == pytest.approx(surfaces.volume(vertices, faces), rel=5e-3)
 
 
+def test_walls_far_thinner_than_the_elements_asked_for_are_meshed_finer():
+    vertices, faces = shapes.hollow_ball(0.9, 0.86, subdivisions=4)
+    mesh = tetrahedralise(vertices, faces, 200)
+    assert quality.volumes(mesh.points, mesh.cells).min() > 0
+    assert any("need them" in warning for warning in mesh.warnings)
+
+
 def test_the_same_surface_gives_the_same_bits():
     vertices, faces = shapes.hollow_ball(0.9, 0.5)
     one, two = (tetrahedralise(vertices, faces, 1000) for _ in range(2))

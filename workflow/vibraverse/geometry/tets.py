@@ -27,7 +27,8 @@ _TOLERANCE, _TRIALS, _EXPONENT = 1.08, 5, 0.55
 #: Elements should be no larger than this many times the body's mean thickness 2V/A. To that end there may be so many
 #: times more of them than asked for.
 _THICKNESSES, _MORE = 2.0, 2.0
-#: A size at which sheets meet is followed by this share of it; when nothing else happened so often, the recipe ends.
+#: A size at which sheets meet is followed by this share of it, the last time by one that fits the walls; when nothing
+#: else happened so often, the recipe ends.
 _STEP_BACK, _MEETINGS = 0.85, 3
 #: A surface evened for one size serves others down to this share of it.
 _STALE = 0.6
@@ -173,6 +174,8 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
             if meetings == _MEETINGS:
                 break
             size *= _STEP_BACK
+            if meetings == _MEETINGS - 1:
+                size = min(size, _THICKNESSES * body.thickness)
             continue
         count = _OPTIMISED * len(fill(points, triangles, optimise=False)[1])
         thin = count * body.count_at(_THICKNESSES * body.thickness) / body.count_at(size)
