@@ -29,7 +29,7 @@ _FEWEST = 1.5
 _SMOOTHING = 0.6
 #: A cavity ends where it would reach less than this many samples, more when its surface cannot be remade otherwise; how
 #: deep the body is nearby is looked for so many samples around, and blurred over so many.
-_BLADES, _NEARBY, _BLURRED = (0.75, 1.5, 3.0), 3, 2
+_BLADES, _NEARBY, _BLURRED = (0.75, 1.0, 1.5, 2.0, 3.0), 3, 2
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
 #: Before a level set is remade, triangles go where that moves it by at most this many samples; of these the first with

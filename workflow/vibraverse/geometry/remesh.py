@@ -62,6 +62,7 @@ class SheetsMeet(RuntimeError):
 class Evened:
     """A closed surface (V, 3), (F, 3) with even triangles of half a ``size``, to be remade at about that size.
 
+    Where sheets are so close that it would cut itself the triangles are smaller, or in the end those of the original.
     Ridges, where the normal of the original turns by more than ``ridge_deg`` along at least half a size, stay sharp.
     ``sizing(points, size)`` gives the edge lengths (P,) wanted at points (P, 3) when they are ``size`` far from where
     the body needs smaller ones; ``deviation`` bounds the distance from the original. Raises ``RuntimeError`` when Mmg
@@ -81,13 +82,27 @@ class Evened:
         self._closest, self._wanted = ClosestPoint(vertices, faces), volume(vertices, faces)
         vertices, faces = repair.split(vertices, faces, _LONG * size)
         sharp = ridges(vertices, faces, ridge_deg, _SHORTEST * size)
-        self._start = _mmg(vertices, faces, _EVEN * sizing(vertices, size), _EVEN * deviation, sharp)
+        start = vertices, faces, sharp
+        self._start = _even(start, _EVEN * sizing(vertices, size), _EVEN * deviation) or start
 
     def remade(self, size: float, deviation: float) -> Mesh:
         """Return the surface as :func:`remesh` does, with edges of the lengths wanted for a size."""
         return _remade(
             self._closest, self._wanted, self._start, self._sizing(self._start[0], size), deviation
         )
+
+
+def _even(start: tuple, local: np.ndarray, deviation: float) -> tuple | None:
+    """Return what Mmg makes of ``start``, finer where it would cut itself; None where that does not help."""
+    for _ in range(_MENDED):
+        points, triangles, edges = _mmg(*start[:2], local, deviation, start[2])
+        spoilt = _spoilt(points, triangles)
+        if not spoilt.any():
+            return points, triangles, edges
+        coarser, local = local, _finer(start[0], local, points, triangles[spoilt])
+        if spoilt.mean() > _LOCAL or np.array_equal(coarser, local):
+            break
+    return None
 
 
 def remesh(
