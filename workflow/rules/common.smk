@@ -5,7 +5,6 @@ import sys
 from vibraverse import targets
 from vibraverse.config import ConfigError
 from vibraverse.containers import image
-from vibraverse.guard import only_run
 from vibraverse.plan import Plan
 from vibraverse.products import text_sha256
 from vibraverse.resources import memory, minutes
@@ -27,8 +26,6 @@ except ConfigError as error:
     sys.exit(2)
 
 paths = plan.paths
-if workflow.is_main_process and not workflow.dryrun:
-    only_run(paths.results, plan.owned)
 
 
 wildcard_constraints:

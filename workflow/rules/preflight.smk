@@ -2,6 +2,7 @@
 from snakemake.settings.types import DeploymentMethod
 
 from vibraverse import preflight
+from vibraverse.guard import only_run
 
 in_containers = DeploymentMethod.APPTAINER in workflow.deployment_settings.deployment_method
 if in_containers and workflow.is_main_process:
@@ -11,6 +12,7 @@ if plan.joins and workflow.is_main_process:
 
 
 onstart:
+    only_run(paths.results, plan.owned)
     preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = list(workflow.dag.needrun_jobs())
     if in_containers:

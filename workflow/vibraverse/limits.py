@@ -63,11 +63,14 @@ def _threads() -> int:
         return 0
 
 
-def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, what: str):
+def run_limited(
+    function: Callable, *arguments, seconds: float, memory_mb: int, what: str, key: str = "limits"
+):
     """Return ``function(*arguments)``, computed in a child process with limits.
 
     ``function`` must be importable and its arguments and result picklable; ``what`` names the tool in the
-    refusal ("gmsh"). ``memory_mb`` limits the address space that the child takes besides what it starts with.
+    refusal ("gmsh"), ``key`` the section of the configuration that the limits come from. ``memory_mb`` limits the
+    address space that the child takes besides what it starts with.
 
     Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
     crash or an exception, or the :class:`Refused` that the function itself raised.
@@ -104,13 +107,13 @@ def run_limited(function: Callable, *arguments, seconds: float, memory_mb: int, 
         raise Refused(
             "limit",
             f"{what} was stopped after {seconds:g} s.{said}",
-            "Raise limits.seconds, or simplify the mesh.",
+            f"Raise {key}.seconds, or simplify the mesh.",
         )
     if status == "memory" or process.exitcode == -signal.SIGKILL:
         raise Refused(
             "limit",
             f"{what} needed more than {memory_mb} MB.{said}",
-            "Raise limits.memory_mb, or simplify the mesh.",
+            f"Raise {key}.memory_mb, or simplify the mesh.",
         )
     if status == "crash":
         number = -(process.exitcode or 0)

@@ -101,7 +101,8 @@ class Config(Section):
     def _known_materials(cls, materials):
         for name, values in materials.items():
             if values is None and name not in MATERIALS:
-                raise ValueError(unknown("material", name, MATERIALS))
+                own = ", ".join(Material.model_fields)
+                raise ValueError(f"{unknown('material', name, MATERIALS)}; one of your own needs {own}")
             if not name.replace("-", "").replace("_", "").isalnum():
                 raise ValueError(f"the material name {name!r} may hold only letters, digits, '-' and '_'")
             if sampled_number(name) is not None:

@@ -30,6 +30,9 @@ _SMOOTHING = 0.6
 #: A cavity ends where it would reach less than this many samples, more when its surface cannot be remade otherwise; how
 #: deep the body is nearby is looked for so many samples around, and blurred over so many.
 _BLADES, _NEARBY, _BLURRED = (0.75, 1.0, 1.5, 2.0, 3.0), 3, 2
+#: A level set with more triangles than this is a blade: each try takes long, so every other is left out. One that
+#: cannot be remade is handed on as it is up to so many triangles.
+_LARGE, _RAW = 300_000, 100_000
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
 #: Before a level set is remade, triangles go where that moves it by at most this many samples; of these the first with
@@ -91,8 +94,10 @@ def hollow(
     samples = _sampled((vertices, faces), closest, distance, level, spacing)
     # A sample within half a spacing of the level has a part of its cell on either side.
     asked = float(np.clip((level - samples[0]) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
-    cavity, specks = None, 0
-    for blade in _BLADES:
+    cavity, tidied, specks = None, None, 0
+    number = 0
+    while number < len(_BLADES):
+        blade = _BLADES[number]
         shells = repair.parts(*_isosurface(*samples, level, blade))
         kept = [
             shell for shell in shells if surfaces.volume(*shell) > 4 / 3 * np.pi * (_SPECK * spacing) ** 3
@@ -104,6 +109,13 @@ def hollow(
         if tidied is not None:
             cavity = tidied
             break
+        number += 2 if len(cavity[1]) > _LARGE else 1
+    if cavity is not None and tidied is None and len(cavity[1]) > _RAW:
+        raise Refused(
+            "too_thin",
+            f"The cavity would be a blade of {len(cavity[1])} triangles, which cannot be remade with fewer.",
+            _LEAVE_OUT,
+        )
     if cavity is None:
         raise Refused("too_thin", "The cavity falls into pieces too small to mesh.", _LEAVE_OUT)
     points, triangles = cavity

@@ -82,6 +82,7 @@ def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
         options.min_dihedral_deg,
         seconds=options.limits.seconds,
         memory_mb=options.limits.memory_mb,
+        key="tets.limits",
         what="the mesher",
     )
 

@@ -30,6 +30,7 @@ def run(job: Job) -> None:
         job.options.sheet_thickness,
         seconds=limits.seconds,
         memory_mb=limits.memory_mb,
+        key="clean.limits",
         what="the repair",
     )
     meshfiles.write_ply(job.outputs["surface"], body.vertices, body.faces)

@@ -30,6 +30,7 @@ def run(job: Job) -> None:
         job.options.min_kept,
         seconds=limits.seconds,
         memory_mb=limits.memory_mb,
+        key="hollow.limits",
         what="the cavity's mesher",
     )
     meshfiles.write_ply(job.outputs["hollow_surface"], body.vertices, body.faces)
