@@ -9,6 +9,7 @@ only when no valid mesh comes of it.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 
@@ -30,6 +31,8 @@ _THICKNESSES, _MORE = 2.0, 2.0
 #: A size at which sheets meet is followed by this share of it, the last time by one that fits the walls; when nothing
 #: else happened so often, the recipe ends.
 _STEP_BACK, _MEETINGS = 0.85, 3
+#: Of the sizes tried so many are filled, until one gives a valid mesh.
+_CANDIDATES = 3
 #: A surface evened for one size serves others down to this share of it.
 _STALE = 0.6
 #: Sizes are not tried beyond this many times the first.
@@ -105,12 +108,13 @@ def tetrahedralise(
     complaints: list[str] = []
     for ridge_deg in RIDGES_DEG:
         try:
-            remade = _sized(body, ridge_deg, size, target_elements)
+            trials = _sized(body, ridge_deg, size, target_elements)
         except (Refused, RuntimeError) as error:
             complaints.append(getattr(error, "message", str(error)).rstrip("."))
             continue
-        size = remade.size
-        for algorithm in ALGORITHMS:
+        size = trials[0].size
+        # Another size with the same ridges changes the body less than other ridges do.
+        for remade, algorithm in product(trials[:_CANDIDATES], ALGORITHMS):
             try:
                 nodes, cells = fill(remade.points, remade.triangles, algorithm)
                 table = quality.table(nodes, cells)
@@ -158,8 +162,8 @@ class _Body:
         return evened.remade(size, _DEVIATION * size)
 
 
-def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
-    """Remake the surface at the size that gives about ``target`` elements, starting from ``size``.
+def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Remade]:
+    """Remake the surface at sizes that give about ``target`` elements, starting from ``size``; the best comes first.
 
     Thin walls need triangles not much larger than they are thick: there the target is as many as elements of that size
     make, within bounds. A size at which sheets cut each other is too large whatever the target; one far above the first
@@ -189,7 +193,7 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> _Remade:
             break
     if not tried:
         raise SheetsMeet(f"sheets of the surface are closer than triangles of {too_large:.3g}")
-    return min(tried, key=lambda trial: abs(trial.excess))
+    return sorted(tried, key=lambda trial: abs(trial.excess))
 
 
 def _exponent(tried: list[_Remade]) -> float:
