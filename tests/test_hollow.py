@@ -22,6 +22,12 @@ from vibraverse.seeds import rng
 from vibraverse.sources.families import generate
 
 
+def deepest(vertices, faces):
+    """Return ``s_min`` and the point where it is, from a coarse grid."""
+    grid = Sampler(vertices, faces).signed_distance(32)
+    return deepest_point((vertices, faces), ClosestPoint(vertices, faces), grid)
+
+
 def check_hollow(body, vertices, faces):
     """Assert what holds for every hollow body; return its cavities as outward surfaces."""
     assert np.array_equal(body.vertices[: len(vertices)], vertices)
@@ -75,7 +81,7 @@ def test_the_deepest_point_is_found_below_the_grid():
     vertices, faces = shapes.box((1.8, 0.731, 0.5))
     centre = np.array([0.01, 0.02, 0.0137])
     vertices = vertices + centre
-    s_min, point = deepest_point(vertices, faces, Sampler(vertices, faces).signed_distance(32))
+    s_min, point = deepest(vertices, faces)
     assert s_min == pytest.approx(-0.25, abs=1e-5)
     assert point[2] == pytest.approx(0.0137, abs=1e-4)
 
@@ -85,7 +91,7 @@ def test_the_deepest_point_of_a_body_full_of_creases_is_found():
     corners = 0.9 * np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1.0]])
     turn = Rotation.from_euler("xyz", (0.3, 0.5, 0.7)).as_matrix()
     vertices, faces = corners @ turn / np.sqrt(3), np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-    s_min, point = deepest_point(vertices, faces, Sampler(vertices, faces).signed_distance(32))
+    s_min, point = deepest(vertices, faces)
     assert s_min == pytest.approx(-0.3, abs=2e-5)  # a third of the circumscribed radius
     assert np.linalg.norm(point) < 1e-4
 

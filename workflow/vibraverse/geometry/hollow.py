@@ -79,7 +79,8 @@ def hollow(
     cell centres, ``0 < t < 1``. Raises :class:`Refused` with reason ``too_thin`` when the cavity cannot be resolved, or
     has less than the share ``min_kept`` of the volume asked for.
     """
-    s_min, deepest = deepest_point(vertices, faces, distance)
+    closest = ClosestPoint(vertices, faces)
+    s_min, deepest = deepest_point((vertices, faces), closest, distance)
     level, reach = t * s_min, (1 - t) * -s_min
     cell = 2.0 / distance.shape[0]
     spacing = max(cell / _FINEST, min(_coarsest(vertices, faces, cell), reach / _SAMPLES))
@@ -90,7 +91,6 @@ def hollow(
             f"a cavity of {2 * reach:.4f} cannot be resolved at {spacing:.4f}.",
             _LEAVE_OUT,
         )
-    closest = ClosestPoint(vertices, faces)
     samples = _sampled((vertices, faces), closest, distance, level, spacing)
     # A sample within half a spacing of the level has a part of its cell on either side.
     asked = float(np.clip((level - samples[0]) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
@@ -137,19 +137,18 @@ def hollow(
     return body
 
 
-def deepest_point(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray) -> tuple[float, np.ndarray]:
+def deepest_point(surface: Mesh, closest: ClosestPoint, distance: np.ndarray) -> tuple[float, np.ndarray]:
     """Return the least signed distance inside a closed surface and the point where it is.
 
-    ``distance`` (n, n, n) is the signed distance at cell centres of [-1, 1]³. Depth changes no faster than position, so
-    a cell whose centre is shallower than the deepest point known by more than half its diagonal cannot hold a deeper
-    one. The others are halved, the deepest first where they are very many, until they are smaller than 1e-5. (Going
-    uphill instead ends on the first crease of the depth.) Raises :class:`Refused` with reason ``too_thin`` when no
-    sample is inside.
+    ``closest`` finds points of the surface, ``distance`` (n, n, n) is the signed distance at cell centres of [-1, 1]³.
+    Depth changes no faster than position, so a cell whose centre is shallower than the deepest point known by more than
+    half its diagonal cannot hold a deeper one. The others are halved, the deepest first where they are very many, until
+    they are smaller than 1e-5. (Going uphill instead ends on the first crease of the depth.) Raises :class:`Refused`
+    with reason ``too_thin`` when no sample is inside.
     """
     n = distance.shape[0]
     if distance.min() >= 0:
         raise Refused("too_thin", "The body holds no sample of the distance grid.", _LEAVE_OUT)
-    closest = ClosestPoint(vertices, faces)
     half = 1.0 / n
     near = np.argwhere(distance <= min(distance.min() + np.sqrt(3) * half, 0.0))
     centres, depth = cell_centres(n)[near], -distance[tuple(near.T)].astype(np.float64)
@@ -162,7 +161,8 @@ def deepest_point(vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray)
         depth, half = closest.distance(centres), half / 2
         # Nothing outside is within a point's depth of it.
         unsure = parents <= np.sqrt(3) * half
-        depth[unsure] *= np.where(contains(vertices, faces, centres[unsure]), 1.0, -1.0)
+        if unsure.any():
+            depth[unsure] *= np.where(contains(*surface, centres[unsure]), 1.0, -1.0)
         if depth.max() > best:
             best, where = float(depth.max()), centres[depth.argmax()]
         promising = depth > best - np.sqrt(3) * half

@@ -17,6 +17,7 @@ the size, whereby its own triangles are forgotten. From there it is remade at ev
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 
 import numpy as np
 
@@ -82,27 +83,15 @@ class Evened:
         self._closest, self._wanted = ClosestPoint(vertices, faces), volume(vertices, faces)
         vertices, faces = repair.split(vertices, faces, _LONG * size)
         sharp = ridges(vertices, faces, ridge_deg, _SHORTEST * size)
-        start = vertices, faces, sharp
-        self._start = _even(start, _EVEN * sizing(vertices, size), _EVEN * deviation) or start
+        self._start = vertices, faces, sharp
+        with suppress(SheetsMeet):
+            self._start = _uncrossed(self._start, _EVEN * sizing(vertices, size), _EVEN * deviation)
 
     def remade(self, size: float, deviation: float) -> Mesh:
         """Return the surface as :func:`remesh` does, with edges of the lengths wanted for a size."""
         return _remade(
             self._closest, self._wanted, self._start, self._sizing(self._start[0], size), deviation
         )
-
-
-def _even(start: tuple, local: np.ndarray, deviation: float) -> tuple | None:
-    """Return what Mmg makes of ``start``, finer where it would cut itself; None where that does not help."""
-    for _ in range(_MENDED):
-        points, triangles, edges = _mmg(*start[:2], local, deviation, start[2])
-        spoilt = _spoilt(points, triangles)
-        if not spoilt.any():
-            return points, triangles, edges
-        coarser, local = local, _finer(start[0], local, points, triangles[spoilt])
-        if spoilt.mean() > _LOCAL or np.array_equal(coarser, local):
-            break
-    return None
 
 
 def remesh(
@@ -122,19 +111,27 @@ def remesh(
 
 
 def _remade(closest: ClosestPoint, wanted: float, start: tuple, local: np.ndarray, deviation: float) -> Mesh:
-    """Remake the surface ``start``, vertices (V, 3), faces (F, 3) and ridges (E, 2), with edges of ``local`` (V,).
+    """Remake the surface ``start`` with edges of ``local`` (V,) and fit it to the original.
 
     ``closest`` finds points of the original surface, ``wanted`` is its volume.
     """
+    return _uncrossed(start, local, deviation, lambda *remade: _fitted(closest, wanted, *remade))[:2]
+
+
+def _uncrossed(start: tuple, local: np.ndarray, deviation: float, fit: Callable | None = None) -> tuple:
+    """Return what Mmg makes of ``start``, finer where it cuts itself, its vertices moved by ``fit``, and its ridges.
+
+    ``start`` is vertices (V, 3), faces (F, 3) and ridges (E, 2). Raises :class:`SheetsMeet` when that does not help.
+    """
     vertices, faces, sharp = start
     for _ in range(_MENDED):
-        points, triangles, _ = _mmg(vertices, faces, local, deviation, sharp)
+        points, triangles, edges = _mmg(vertices, faces, local, deviation, sharp)
         spoilt = _spoilt(points, triangles)
-        if not spoilt.any():
-            points = _fitted(closest, wanted, points, triangles)
+        if fit is not None and not spoilt.any():
+            points = fit(points, triangles)
             spoilt = crossing_faces(points, triangles)
-            if not spoilt.any():
-                return points, triangles
+        if not spoilt.any():
+            return points, triangles, edges
         coarser, local = local, _finer(vertices, local, points, triangles[spoilt])
         if spoilt.mean() > _LOCAL or np.array_equal(coarser, local):
             break
