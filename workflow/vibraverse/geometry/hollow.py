@@ -8,7 +8,7 @@ extent: the cavity's surface is as good for a thin bowl as for a thick block, an
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from vibraverse.geometry.boxes import contains
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.grids import cell_centres
+from vibraverse.geometry.moments import principal_axes
 from vibraverse.geometry.remesh import remesh
 from vibraverse.refusal import Refused
 
@@ -70,6 +71,20 @@ class HollowBody:
         return sum(self.cavities) / self.asked
 
 
+@dataclass(frozen=True)
+class _Samples:
+    """Values on a lattice of its own: ``values[i, j, k]`` at ``origin + spacing · axes @ (i, j, k)``."""
+
+    values: np.ndarray
+    origin: np.ndarray
+    axes: np.ndarray
+    spacing: float
+
+    def position(self, indices: np.ndarray) -> np.ndarray:
+        """Return where in space ``indices`` (N, 3), whole or not, are: (N, 3)."""
+        return self.origin + self.spacing * indices @ self.axes.T
+
+
 def hollow(
     vertices: np.ndarray, faces: np.ndarray, distance: np.ndarray, t: float, min_kept: float = 0.0
 ) -> HollowBody:
@@ -93,12 +108,12 @@ def hollow(
         )
     samples = _sampled((vertices, faces), closest, distance, level, spacing)
     # A sample within half a spacing of the level has a part of its cell on either side.
-    asked = float(np.clip((level - samples[0]) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
+    asked = float(np.clip((level - samples.values) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
     cavity, tidied, specks = None, None, 0
     number = 0
     while number < len(_BLADES):
         blade = _BLADES[number]
-        shells = repair.parts(*_isosurface(*samples, level, blade))
+        shells = repair.parts(*_isosurface(samples, level, blade))
         kept = [
             shell for shell in shells if surfaces.volume(*shell) > 4 / 3 * np.pi * (_SPECK * spacing) ** 3
         ]
@@ -184,28 +199,33 @@ def _coarsest(vertices: np.ndarray, faces: np.ndarray, cell: float) -> float:
 
 def _sampled(
     surface: Mesh, closest: ClosestPoint, distance: np.ndarray, level: float, spacing: float
-) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return samples of the signed distance around the cavity, the position of the first, and their spacing.
+) -> _Samples:
+    """Return samples of the signed distance around the cavity, along the body's principal axes.
 
     Only samples near the level are measured; the others are interpolated from the grid's, which decides on which side
     of the level they are and no more.
     """
-    from scipy.ndimage import map_coordinates
+    from scipy.ndimage import affine_transform
 
     n = distance.shape[0]
     cell = 2.0 / n
-    near = np.argwhere(distance <= level + 2 * cell)
-    low, high = np.maximum(near.min(axis=0) - 1, 0), np.minimum(near.max(axis=0) + 2, n)
-    block = distance[tuple(slice(a, b) for a, b in zip(low, high, strict=True))].astype(np.float64)
-    origin = cell_centres(n)[low]
-    axes = [np.arange(0.0, side - 1 + 1e-9, spacing / cell) for side in block.shape]
-    fine = map_coordinates(block, np.meshgrid(*axes, indexing="ij"), order=1)
-    close = np.argwhere(np.abs(fine - level) < 0.75 * cell)
-    points = origin + spacing * close
-    inside = contains(*surface, points)
+    centre, axes = principal_axes(*surface)
+    near = (cell_centres(n)[np.argwhere(distance <= level + 2 * cell)] - centre) @ axes / spacing
+    low, high = np.floor(near.min(axis=0)) - 1, np.ceil(near.max(axis=0)) + 2
+    found = _Samples(np.empty(0), centre + axes @ (spacing * low), axes, spacing)
+    values = affine_transform(
+        distance.astype(np.float64),
+        axes * (spacing / cell),
+        (found.origin - cell_centres(n)[0]) / cell,
+        output_shape=tuple((high - low).astype(int)),
+        order=1,
+        mode="nearest",
+    )
+    close = np.argwhere(np.abs(values - level) < 0.75 * cell)
+    points = found.position(close)
     measured = closest.distance(points)
-    fine[tuple(close.T)] = np.where(inside, -measured, measured)
-    return fine, origin, spacing
+    values[tuple(close.T)] = np.where(contains(*surface, points), -measured, measured)
+    return replace(found, values=values)
 
 
 def _opened(samples: np.ndarray, least: float) -> np.ndarray:
@@ -223,7 +243,7 @@ def _opened(samples: np.ndarray, least: float) -> np.ndarray:
     return np.maximum(samples, gaussian_filter(nearby, _BLURRED, mode="nearest") + least)
 
 
-def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: float, blade: float) -> Mesh:
+def _isosurface(samples: _Samples, level: float, blade: float) -> Mesh:
     """Return the closed surface on which the samples equal ``level``, oriented away from lower values.
 
     It ends where it would reach less than ``blade`` samples.
@@ -234,15 +254,11 @@ def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: 
     from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 
     # A layer of high values closes the surface; a sample exactly at the level would give faces without area.
-    samples = gaussian_filter(
-        _opened(samples.astype(np.float64), blade * spacing), _SMOOTHING, mode="nearest"
-    )
-    values = np.pad(samples - level, 1, constant_values=spacing)
-    values = np.where(np.abs(values) < 1e-4 * spacing, 1e-4 * spacing, values)
+    values = gaussian_filter(_opened(samples.values, blade * samples.spacing), _SMOOTHING, mode="nearest")
+    values = np.pad((values - level) / samples.spacing, 1, constant_values=1.0)
+    values = np.where(np.abs(values) < 1e-4, 1e-4, values)
     image = vtkImageData()
     image.SetDimensions(*values.shape)
-    image.SetSpacing(spacing, spacing, spacing)
-    image.SetOrigin(*(origin - spacing))
     image.GetPointData().SetScalars(numpy_to_vtk(values.ravel(order="F"), deep=True))
     contour = vtkFlyingEdges3D()
     contour.SetInputData(image)
@@ -255,7 +271,7 @@ def _isosurface(samples: np.ndarray, origin: np.ndarray, spacing: float, level: 
         return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64)
     points = vtk_to_numpy(surface.GetPoints().GetData()).astype(np.float64)
     triangles = vtk_to_numpy(surface.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int64)
-    points, triangles = repair.weld(points, triangles)
+    points, triangles = repair.weld(samples.position(points - 1), triangles)
     return points, repair.orient(points, triangles)
 
 
