@@ -79,6 +79,7 @@ def frequencies(vertices, faces, solidity: str, scale: float = 1.0, t: float = 0
         ("tuning-fork-0000", "hollow", 5e-3),
         ("cup-0000", "solid", 5e-3),
         ("nut", "hollow", 5e-3),
+        ("bowl-0000", "hollow", 5e-3),
     ],
 )
 def test_frequencies_belong_to_the_object_not_to_its_description(name, solidity, tolerance):

@@ -36,9 +36,9 @@ _CANDIDATES = 3
 #: A surface evened for one size serves others down to this share of it.
 _STALE = 0.6
 #: Sizes are not tried beyond this many times the first.
-_GROWN = 2.0
+_GROWN = 1.3
 #: How far the remade surface may be from the original, as a share of the size.
-_DEVIATION = 0.1
+_DEVIATION = 0.07
 #: How much gmsh's second optimiser adds to the number of elements.
 _OPTIMISED = 1.03
 #: An element count this many times the target is worth a warning.
