@@ -35,8 +35,9 @@ _STEP_BACK, _MEETINGS = 0.85, 3
 _CANDIDATES = 3
 #: A surface evened for one size serves others down to this share of it.
 _STALE = 0.6
-#: Sizes are not tried beyond this many times the first.
-_GROWN = 1.3
+#: Sizes are not tried beyond this many times the first, nor when this power of the miss did not mend the count: then it
+#: comes from what is small about the body, and larger triangles elsewhere would only spoil its shape.
+_GROWN, _IDLE = 2.0, 1.0
 #: How far the remade surface may be from the original, as a share of the size.
 _DEVIATION = 0.07
 #: How much gmsh's second optimiser adds to the number of elements.
@@ -188,7 +189,10 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
         tried.append(_Remade(size, points, triangles, wanted, float(np.log(count / wanted))))
         if abs(tried[-1].excess) < np.log(_TOLERANCE):
             break
-        size *= float(np.clip(np.exp(_exponent(tried) * tried[-1].excess), 0.5, 2.0))
+        exponent = _exponent(tried)
+        if exponent > _IDLE and tried[-1].excess > 0:
+            break
+        size *= float(np.clip(np.exp(exponent * tried[-1].excess), 0.5, 2.0))
         if size > min(_STEP_BACK * too_large, largest):
             break
     if not tried:
@@ -201,8 +205,8 @@ def _exponent(tried: list[_Remade]) -> float:
     if len(tried) < 2:
         return _EXPONENT
     first, second = tried[-2:]
-    apart = first.excess - second.excess
-    return float(np.clip(np.log(second.size / first.size) / apart if apart else _EXPONENT, 0.25, 1.5))
+    apart, step = first.excess - second.excess, float(np.log(second.size / first.size))
+    return float(np.clip(step / apart, 0.25, 1.5)) if step * apart > 0 else 1.5
 
 
 def _check(
