@@ -117,5 +117,4 @@ def fix_signs(vectors: np.ndarray) -> np.ndarray:
 
 def signs(vectors: np.ndarray) -> np.ndarray:
     """Return the sign of the largest entry of every column, (m,): 1 or -1."""
-    largest = vectors[np.argmax(np.abs(vectors), axis=0), np.arange(vectors.shape[1])]
-    return np.where(largest < 0, -1.0, 1.0)
+    return np.where(vectors.max(axis=0) < -vectors.min(axis=0), -1.0, 1.0)

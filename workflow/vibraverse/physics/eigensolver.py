@@ -132,28 +132,29 @@ def shift_for(stiffness: sp.csr_matrix, mass: sp.csr_matrix, nodes: np.ndarray) 
 
 
 def count_below(
-    operators: Operators, poisson: float, cut: float, near: np.ndarray, factorisation: str = "auto"
+    operators: Operators, poisson: float, cut: float, near: np.ndarray, factorisation: str = "auto", like=None
 ) -> int:
     """Return how many eigenvalues, rigid motions' included, lie below ``cut``.
 
     ``near`` (n, k) are vectors to test the factorisation with, among them those of eigenvalues next to ``cut``: one
-    that is right for a matrix so near that no eigenvalue crosses ``cut`` gives them back.
+    that is right for a matrix so near that no eigenvalue crosses ``cut`` gives them back. Its ordering is that of the
+    factorisation ``like``, where that is of use.
 
     Raises :class:`Refused` where rounding leaves the count in doubt.
     """
     matrix = operators.shifted(*lame(1.0, poisson), cut)
-    factor = factorise(matrix, factorisation, definite=False)
-    count = factor.negative_pivots
-    error = factor.solve(matrix @ near) - near
-    factor.free()
-    weighted = operators.mass @ error, operators.mass @ near
-    if not (np.vecdot(error.T, weighted[0].T) <= _COUNTS**2 * np.vecdot(near.T, weighted[1].T)).all():
-        raise Refused(
-            "solve_failed",
-            "a factorisation lost too many digits to count the modes.",
-            "Mesh the body again, with other element sizes.",
-        )
-    return count
+    size = np.vecdot(near.T, (operators.mass @ near).T)
+    for matched in (False, True):
+        factor = factorise(matrix, factorisation, definite=False, like=like, matched=matched)
+        count, error = factor.negative_pivots, factor.solve(matrix @ near) - near
+        factor.free()
+        if (np.vecdot(error.T, (operators.mass @ error).T) <= _COUNTS**2 * size).all():
+            return count
+    raise Refused(
+        "solve_failed",
+        "a factorisation lost too many digits to count the modes.",
+        "Mesh the body again, with other element sizes.",
+    )
 
 
 def _complete(
@@ -179,7 +180,8 @@ def _complete(
             )
         cut = 0.5 * (found.values[-1] + found.following)
         near = np.stack([found.vectors[:, -1], rng.standard_normal(operators.unknowns)], axis=1)
-        missing = abs(count_below(operators, poisson, cut, near, factorisation) - len(found.values))
+        count = count_below(operators, poisson, cut, near, factorisation, pencil.factor)
+        missing = abs(count - len(found.values))
         if missing == 0:
             return found, attempt
     raise Refused(

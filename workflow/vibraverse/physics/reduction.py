@@ -35,8 +35,7 @@ _NEGLIGIBLE = 0.01
 class Reduction:
     """A space ``vectors`` (n, r) with ``a_lambda``, ``a_mu`` (r, r) and ``sketch`` (k, p, 3r).
 
-    :meth:`use` says which factorisation corrects from then on. The products of the operators with the space are kept,
-    so a residual costs no product with a sparse matrix.
+    :meth:`use` says which factorisation corrects from then on.
     """
 
     def __init__(self, operators: Operators, vectors: np.ndarray):
@@ -44,10 +43,11 @@ class Reduction:
         self._rigid, self._weighted_rigid, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
         n = operators.unknowns
         self._columns = Columns(n, _CAPACITY * vectors.shape[1])
-        # The space times K_λ, K_μ and M.
-        self._images = [Columns(n, _CAPACITY * vectors.shape[1]) for _ in range(3)]
+        # The space times M.
+        self._weighted = Columns(n, _CAPACITY * vectors.shape[1])
         self._projected = [np.zeros((0, 0)) for _ in range(2)]
-        self._probes: list[np.ndarray] = []
+        # Random vectors times K_λ, K_μ and M.
+        self._probes: list[list[np.ndarray]] = []
         self._sketches: list[np.ndarray] = []
         self._energy_poisson: list[float] = []
         self._extend(vectors)
@@ -76,8 +76,12 @@ class Reduction:
         """Correct, and estimate errors near ``poisson``, with the factorisation of ``K(poisson) - σM``."""
         self._factor = factor
         self._energy_poisson.append(poisson)
-        self._probes.append(factor.inverse_root(rng.standard_normal((self._operators.unknowns, _SKETCH))))
-        self._sketches.append(_sketched(self._probes[-1], [image.all for image in self._images]))
+        probes = factor.inverse_root(rng.standard_normal((self._operators.unknowns, _SKETCH)))
+        operators = self._operators
+        self._probes.append(
+            [matrix @ probes for matrix in (operators.k_lambda, operators.k_mu, operators.mass)]
+        )
+        self._sketches.append(_sketched(self._probes[-1], self.vectors))
 
     def solve(self, poisson: float, modes: int, guard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what :func:`solve_reduced` does."""
@@ -86,12 +90,9 @@ class Reduction:
 
     def correct(self, poisson: float, values: np.ndarray, coefficients: np.ndarray, max_error: float) -> None:
         """Let the space grow by the corrections of Ritz pairs (m,), (r, m) at a Poisson's ratio."""
-        lam, mu = lame(1.0, poisson)
-        residual = (
-            combine(self._images[0].all, lam * coefficients)
-            + combine(self._images[1].all, mu * coefficients)
-            - combine(self._images[2].all, values * coefficients)
-        )
+        stiffness = self._operators.stiffness(*lame(1.0, poisson))
+        residual = np.asfortranarray(stiffness @ combine(self.vectors, coefficients))
+        residual -= combine(self._weighted.all, values * coefficients)
         # Scaled so that xᵀ B x is the square of the relative error; directions that hardly lower it are left out.
         residual /= np.sqrt(values)
         correction = self._factor.solve(residual)
@@ -118,27 +119,27 @@ class Reduction:
 
     def _extend(self, block: np.ndarray) -> None:
         """Join the span of ``block`` (n, k)."""
-        old, weighted_old = self.vectors, self._images[2].all
+        old, weighted_old = self.vectors, self._weighted.all
         block = np.array(block, order="F")
         clear(block, self._rigid, self._weighted_rigid)
         clear(block, old, weighted_old)
         block, weighted, _ = orthonormalise(block, self._operators.mass)
-        fresh = [self._operators.k_lambda @ block, self._operators.k_mu @ block, weighted]
+        images = self._operators.k_lambda @ block, self._operators.k_mu @ block
         self._projected = [
             _bordered(projected, old.T @ image, block.T @ image)
-            for projected, image in zip(self._projected, fresh[:2], strict=True)
+            for projected, image in zip(self._projected, images, strict=True)
         ]
         self._sketches = [
-            np.concatenate([sketch, _sketched(probes, fresh)], axis=-1)
+            np.concatenate([sketch, _sketched(probes, block)], axis=-1)
             for sketch, probes in zip(self._sketches, self._probes, strict=True)
         ]
-        for columns, new in zip((self._columns, *self._images), (block, *fresh), strict=True):
-            columns.append(new)
+        self._columns.append(block)
+        self._weighted.append(weighted)
 
 
-def _sketched(probes: np.ndarray, images: list[np.ndarray]) -> np.ndarray:
-    """Return the products of random vectors (n, p) with three images (n, r) of the space, (p, 3, r)."""
-    return np.stack([probes.T @ image for image in images], axis=1)
+def _sketched(probes: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
+    """Return the products of three images (n, p) of random vectors with ``vectors`` (n, r), (p, 3, r)."""
+    return np.stack([image.T @ vectors for image in probes], axis=1)
 
 
 def _flat(sketch: np.ndarray) -> np.ndarray:

@@ -8,7 +8,7 @@ VERSIONS = {
     "grids": 2,
     "hollow": 6,
     "tets": 5,
-    "basis": 4,
+    "basis": 5,
     "modes": 5,
     "audio": 1,
     "images": 1,

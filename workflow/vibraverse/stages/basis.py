@@ -12,13 +12,14 @@ def run(job: Job) -> None:
     import h5py
 
     from vibraverse.basisfile import write_basis
-    from vibraverse.limits import limited_memory
+    from vibraverse.limits import keep_memory, limited_memory
     from vibraverse.physics.basis import build_basis
     from vibraverse.seeds import rng
     from vibraverse.tetfiles import read_tets
 
     points, cells = read_tets(job.inputs["tets"])
     options = job.options
+    keep_memory()
     with limited_memory(options.memory_mb, "the eigensolver", "basis.memory_mb"):
         basis = build_basis(
             points,
