@@ -1,4 +1,4 @@
-"""Read a dataset, plot a mode and write the sound beside it: python examples/read_dataset.py results/dataset"""
+"""Read a dataset, plot a mode and write the sound beside it: python examples/read_dataset.py [results/dataset]"""
 
 import sys
 
@@ -8,7 +8,7 @@ import soundfile
 
 import vibraverse.dataset
 
-with vibraverse.dataset.open(sys.argv[1]) as data:
+with vibraverse.dataset.open(*sys.argv[1:2] or ["results/dataset"]) as data:
     item = data.where(solidity="solid").items[0]
     place = {name: item[name] for name in ("object", "solidity", "material")}
     names = ("vertices", "faces", "mode_shapes", "frequencies_hz", "sound", "sample_rate_hz")

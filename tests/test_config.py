@@ -97,6 +97,7 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         ),
         ({"materials": ["steel"]}, 'materials must hold keys and values, not ["steel"]'),
         ({"solidities": ["hollo"]}, "solidities: unknown solidity 'hollo'; did you mean 'hollow'?"),
+        ({"images": {"looks": ["cly"]}}, "images.looks: unknown look 'cly'; did you mean 'clay'?"),
         ({"solidities": "solid"}, 'solidities must be a list, not "solid"'),
         ({"dataset": {"shards": "four"}}, 'dataset.shards must be a whole number, not "four"'),
         ({"dataset": {"shards": 2.5}}, "dataset.shards must be a whole number, not 2.5"),
@@ -141,7 +142,7 @@ def test_a_stage_s_options_are_named_with_the_stage():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("a: [1, 2\nb: 3", "is not valid YAML"),
+        ("a: [1, 2\nb: 3", "line 2, column 2: not valid YAML"),
         ("- just\n- a list", 'must hold keys and values, not ["just", "a list"]'),
         ("text alone", 'must hold keys and values, not "text alone"'),
         ("dataset:\n  shardz: 1\n", "config.yaml: unknown key 'dataset.shardz'"),

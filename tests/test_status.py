@@ -99,6 +99,13 @@ def test_running_and_stopped_jobs_are_told_by_their_logs(plan):
     assert stopped.jobs["tets"]["stopped"] == 1
     assert stopped.jobs["basis"]["stopped"] == 0
     assert progress.survey(plan, 900.0).jobs["tets"]["running"] == 1
+    benchmark = f"results/benchmarks/{DONE}/tets.solid.tsv"  # it ended, and its products were deleted
+    write(benchmark, "s\th:m:s\n30.0\t0:00:30\n")
+    os.utime(benchmark, (1001, 1001))
+    ended = progress.survey(plan, None)
+    assert (ended.stopped, ended.jobs["tets"]["waiting"]) == ([], 3)
+    os.utime(benchmark, (999, 999))  # of the time before
+    assert progress.survey(plan, None).stopped == [log]
     waiting = progress.survey(plan, 1100.0)
     assert (waiting.running, waiting.jobs["tets"]["waiting"], waiting.stopped) == (0, 3, [])
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import csv
 import os
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -25,13 +26,15 @@ _ANY = "_"
 
 @dataclass(frozen=True, eq=False)
 class Kind:
-    """A job that every object has: its files and the record among them, below the object's folder, and its log."""
+    """A job that every object has: its files and, among them, its record, below the object's folder; its log and its
+    benchmark."""
 
     stage: str
     solidity: str
     files: list[tuple[str, str]]
     record: str
     log: str
+    benchmark: str
     before: list[Kind]
 
 
@@ -94,8 +97,10 @@ def survey(plan: Plan, started: float | None) -> Survey:
         for kind in kinds:
             state = "refused" if kind in refused else "done" if kind in done else "waiting"
             if state == "waiting" and done.issuperset(kind.before):
-                log = kind.log.replace(f"/{_ANY}/", f"/{object_id}/")
-                state = _begun(log, started)
+                log, ended = (
+                    path.replace(f"/{_ANY}/", f"/{object_id}/") for path in (kind.log, kind.benchmark)
+                )
+                state = _begun(log, ended, started)
                 found.stopped += [log] if state == "stopped" else []
             found.jobs[kind.stage][state] += 1
     return found
@@ -140,7 +145,8 @@ def _kinds(plan: Plan) -> list[Kind]:
             made.solidity,
             [os.path.split(os.path.relpath(path, folder)) for path in paths],
             os.path.relpath(made.record, folder),
-            _log(plan, made),
+            _written(plan.paths.log, plan, made),
+            _written(plan.paths.benchmark, plan, made),
             list(dict.fromkeys(found[path] for path in inputs)),
         )
         kinds.append(kind)
@@ -148,24 +154,35 @@ def _kinds(plan: Plan) -> list[Kind]:
     return kinds
 
 
-def _log(plan: Plan, made: Made) -> str:
+def _written(pattern: Callable, plan: Plan, made: Made) -> str:
+    """Return the path of what Snakemake writes about a job: its log or its benchmark."""
     wildcards = ("object", "solidity") if made.step.of_body else ("object",)
-    return plan.paths.at(plan.paths.log(made.step.stage, *wildcards), object=_ANY, solidity=made.solidity)
+    return plan.paths.at(pattern(made.step.stage, *wildcards), object=_ANY, solidity=made.solidity)
 
 
 def _benchmarks(plan: Plan, object_id: str) -> str:
     return os.path.dirname(plan.paths.at(plan.paths.benchmark("sources", "object"), object=object_id))
 
 
-def _begun(log: str, started: float | None) -> str:
-    """Return the state of a job whose inputs are there and whose products are not, by its log."""
-    try:
-        begun = os.stat(log).st_mtime
-    except FileNotFoundError:
+def _begun(log: str, benchmark: str, started: float | None) -> str:
+    """Return the state of a job whose inputs are there and whose products are not, by its log and benchmark.
+
+    One that ended has its benchmark written last: then its products were deleted to be made again.
+    """
+    begun, ended = _modified(log), _modified(benchmark)
+    if begun is None or (ended is not None and ended >= begun):
         return "waiting"
     if started is None:
         return "stopped"
     return "running" if begun >= started else "waiting"
+
+
+def _modified(path: str) -> float | None:
+    """Return when a file was last written, None where there is none."""
+    try:
+        return os.stat(path).st_mtime
+    except FileNotFoundError:
+        return None
 
 
 def _names(folder: str) -> set[str]:

@@ -288,10 +288,11 @@ class _Strike:
         if error.max() > self.options["modes"].tolerance:
             warnings.append(f"modes: the estimated frequency error reaches {error.max():.1e}")
         if rendered["modes_above_nyquist"]:
-            warnings.append(
-                f"audio: {rendered['modes_above_nyquist']} modes are too high for the sample rate and left out; "
-                "a larger --size lowers them"
+            left_out = (
+                f"{rendered['modes_above_nyquist']} modes are too high for the sample rate and left out"
             )
+            silent = "" if rendered["modes_rendered"] else "silent, since "
+            warnings.append(f"audio: {silent}{left_out}; a larger --size lowers them")
         if rendered["modes_overdamped"]:
             warnings.append(f"audio: {rendered['modes_overdamped']} modes are overdamped and do not ring")
         if not clean.get("size_m") and not self.options["modes"].size_m:

@@ -15,6 +15,7 @@ from vibraverse.config.media import Audio, Images
 from vibraverse.config.physics import Basis, Material, Modes, Sampled
 from vibraverse.config.sources import Sources
 from vibraverse.dataset.splits import JOIN, slice_numbers
+from vibraverse.media.looks import LOOKS
 from vibraverse.physics.materials import MATERIALS, sampled_number
 
 
@@ -118,6 +119,15 @@ class Config(Section):
         return list(dict.fromkeys(solidities))
 
     @model_validator(mode="after")
+    def _known_looks(self):
+        for look in self.images.looks:
+            if look not in LOOKS and look not in self.materials:
+                raise ValueError(
+                    f"images.looks: {unknown('look', look, LOOKS)}; or a material of your own, in clay"
+                )
+        return self
+
+    @model_validator(mode="after")
     def _sampled_fits(self):
         (low, high), (lowest, highest) = self.sampled.poisson, self.basis.poisson_range
         if self.sampled.count and not lowest <= low <= high <= highest:
@@ -164,6 +174,10 @@ def load(path: str | Path) -> Config:
         raise ConfigError(f"the configuration file {path} does not exist")
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
+        raise ConfigError(f"{path}{place}: not valid YAML, {error.problem or error.context}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from None
     if values is not None and not isinstance(values, dict):

@@ -58,6 +58,8 @@ def run(job: Job) -> None:
                 "modes_above_nyquist": sound.modes_above_nyquist,
                 "modes_overdamped": sound.modes_overdamped,
             }
+            if not sound.modes_rendered:
+                print(f"{name} is silent: no mode rings below {sound.sample_rate_hz / 2:g} Hz.")
     products.remove_others(job.final["sounds"])
     job.write_record(
         {
