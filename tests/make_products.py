@@ -246,6 +246,7 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
 
     random = rng(object_id, solidity)
     rank = MODES
+    fields = random.normal(size=(len(vertices), 3, rank)).astype(np.float32)
     with h5py.File(at(paths.basis), "w") as h5:
         h5.attrs.update(volume=volume, order=2, n_vertices=len(points), n_tetrahedra=len(tets))
         h5.attrs.update(n_unknowns=3 * len(points), method="dense", factorisation="none", error=1e-6)
@@ -258,7 +259,7 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
         h5["reduced/poisson_range"] = [0.1, 0.4]
         h5["reduced/poisson_nodes"] = [0.1, 0.4]
         h5["surface/vertices"], h5["surface/faces"] = vertices, faces.astype(np.int32)
-        h5["surface/basis"] = random.normal(size=(len(vertices), 3, rank)).astype(np.float32)
+        h5["surface/basis"] = fields
         # Far stiffer than the modes, so that they hardly change them.
         h5["correction/lambda"] = h5["correction/mu"] = 1e6 * np.eye(rank + 4)[:, rank:]
         h5["correction/mass"] = np.zeros((rank, 4))
@@ -285,8 +286,8 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
                 np.full(MODES, 1e-3),
             )
             group.attrs["solved_directly"] = False
-            shapes = random.normal(size=(MODES, len(vertices), 3))
-            group["mode_shapes"] = shapes.astype(np.float32)
+            size = np.sqrt(material["density_kg_m3"] * h5.attrs["scale_m"] ** 3)
+            group["mode_shapes"] = (fields.transpose(2, 0, 1) / size).astype(np.float32)
             sound = impact_sound(hz, damping, SOUND.sample_rate_hz, SOUND.decay_db, SOUND.max_s)
             wav, levels = wav_bytes(sound.samples, sound.sample_rate_hz)
             at(paths.sound, material=name).write_bytes(wav)

@@ -21,6 +21,9 @@ from vibraverse.plan import Plan
 from vibraverse.targets import shard_products
 from workflow_runs import Run
 
+#: How often whole runs are killed at random moments; some 10 s each.
+KILLS = int(os.environ.get("VIBRAVERSE_KILLS", "0"))
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory) -> Paths:
@@ -196,6 +199,27 @@ def test_a_run_killed_while_it_writes_shards(finished, tmp_path, seed):
     run()
     assert run.checksums() == finished.checksums()
     assert not list((tmp_path / "results").rglob(".*.partial.*"))
+
+
+@pytest.mark.skipif(not KILLS, reason="VIBRAVERSE_KILLS is not set")
+def test_runs_killed_at_random_moments_end_like_an_undisturbed_one(finished, tmp_path):
+    draw, killed, runs = random.Random(20), 0, 0
+    while killed < KILLS:
+        runs += 1
+        run = Run(tmp_path / str(runs), finished.root)
+        run.folder.mkdir()
+        while killed < KILLS and not (run.folder / "results/verdict.json").exists():
+            process = run.start()
+            try:
+                process.wait(draw.uniform(2, 15))
+            except subprocess.TimeoutExpired:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+                killed += 1
+        run()
+        assert run.checksums() == finished.checksums()
+        assert not list((run.folder / "results").rglob(".*.partial.*"))
+    print(f"killed {killed} times in {runs} runs")
 
 
 def test_a_run_on_a_full_disk_goes_on_after_space_is_freed(finished, tmp_path, small_disk):

@@ -201,6 +201,16 @@ def with_text(path: str, text: str):
     return change
 
 
+def turned(path: str):
+    """Change two mode shapes, one of them by little."""
+
+    def change(objects):
+        objects[path][0] = objects[path][0][::-1]
+        objects[path][7] += np.float32(0.01) * objects[path][8]
+
+    return change
+
+
 STEEL = "bar-0000/solid/materials/steel"
 
 
@@ -216,6 +226,8 @@ STEEL = "bar-0000/solid/materials/steel"
         (with_attribute(STEEL, "poisson", 0.5), "solid/materials/steel@poisson holds numbers from 0.5 to 0.5"),
         (with_attribute("bar-0000/solid", "size_m", 1.0), "solid: scale_m = 0.1 is not size_m / 1.8"),
         (scaled("bar-0000/solid/basis/reduced/mu", 1.001), "but the stored basis gives"),
+        (scaled("bar-0000/shape/spectrum", 1.001), "shape/spectrum is not that of the solid body's stored basis"),
+        (turned(f"{STEEL}/mode_shapes"), "steel: mode_shapes[0, 7] are not those that the stored basis gives"),
         (scaled("bar-0000/solid/sounds/steel", 0.999), "the sound steel differs by"),
         (with_attribute("bar-0000", "title", 3), "@title is no text"),
         (with_text("bar-0000/clean", "{"), "clean holds no record (JSON)"),

@@ -17,8 +17,8 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="vibraverse check",
         description="Check a dataset's folder, or one shard: checksums, types, shapes, units and ranges of every "
-        "field, the equations that its numbers satisfy, and of a sample the frequencies made again from the basis and "
-        "the sounds from the modes. Ends with exit code 1 when anything is wrong.",
+        "field, the equations that its numbers satisfy, and of a sample the frequencies and mode shapes made again "
+        "from the basis and the sounds from the modes. Ends with exit code 1 when anything is wrong.",
     )
     parser.add_argument(
         "dataset", nargs="?", type=Path, default=Path("results/dataset"), metavar="PATH",

@@ -1,4 +1,5 @@
-"""Making numbers of the dataset again from others in it: frequencies from the basis, sounds from the modes.
+"""Making numbers of the dataset again from others in it: frequencies, mode shapes and the spectrum by which copies are
+found from the basis, sounds from the modes.
 
 This is what says that labels and inputs belong together. It costs a tenth of a second an item, so a sample of the
 items is asked, by a hash of their names: the same ones every time, and others in every object.
@@ -18,6 +19,9 @@ from vibraverse.seeds import stable_hash
 
 #: Largest relative difference of a recomputed frequency: machines round differently, and eigenvalues amplify that.
 FREQUENCY = 1e-6
+#: Largest part of a mode shape, of its length, that is not in the span of those made again at its frequency, and how
+#: near frequencies are whose shapes may have mixed.
+SHAPE, _MIXED = 1e-3, 1e-3
 #: Largest difference of a recomputed sample, of full scale: eight steps of 24 bits, or one step of 16.
 SAMPLE = {"PCM_24": 8 / 2**23, "PCM_16": 2 / 2**15}
 
@@ -32,10 +36,12 @@ def repeats(share: float) -> Callable[[str, object, dict], Iterator[str]]:
 
 
 def again(object_id: str, group, making: dict, share: float = 1.0) -> Iterator[str]:
-    """Yield where frequencies or sounds of an object, made again, are not those it holds.
+    """Yield where numbers of an object, made again, are not those it holds.
 
     ``making`` is how the shard was made. Sounds are left out where their options differ from object to object.
     """
+    if "shape/spectrum" in group and stable_hash(object_id, "spectrum", "check") < share * 2**64:
+        yield from _spectrum(group)
     for solidity in SOLIDITIES:
         body = group.get(solidity)
         for material in _materials(body) if body is not None else ():
@@ -50,23 +56,38 @@ def _materials(body) -> list[str]:
     return [*body.get("materials", ()), *map(sampled_name, range(sampled))]
 
 
+def _spectrum(group) -> Iterator[str]:
+    from vibraverse.basisfile import read_basis
+    from vibraverse.dataset.copies import scale_free_spectrum
+
+    stored, found = (
+        group["shape/spectrum"][()],
+        scale_free_spectrum(read_basis(group["solid/basis"], surface=False)),
+    )
+    if len(found) != len(stored) or np.abs(found / stored - 1).max() > FREQUENCY:
+        yield "shape/spectrum is not that of the solid body's stored basis"
+
+
 def _frequencies(body, material: str, making: dict) -> Iterator[str]:
     from vibraverse.basisfile import read_basis
     from vibraverse.physics.modes import solve_material
 
     corrected = making["modes"]["options"].get("corrected", VARIES)
-    number = sampled_number(material)
+    number, shapes = sampled_number(material), None
     if number is None:
         stored = body["materials"][material]
         values, directly = dict(stored.attrs), stored.attrs["solved_directly"]
         hz = stored["frequencies_hz"][()]
+        shapes = stored["mode_shapes"][()] if "mode_shapes" in stored else None
     else:
         values, directly = {name: body["sampled"][name][number] for name in PARAMETERS}, False
         hz = body["sampled/frequencies_hz"][number]
     if directly or corrected == VARIES:
         return
-    basis = read_basis(body["basis"], surface=False)
-    found = solve_material(basis, values, float(body.attrs["scale_m"]), len(hz), corrected, shapes=False)
+    with_shapes = shapes is not None
+    basis = read_basis(body["basis"], surface=with_shapes)
+    scale_m = float(body.attrs["scale_m"])
+    found = solve_material(basis, values, scale_m, len(hz), corrected, shapes=with_shapes)
     if len(found.frequencies_hz) != len(hz):
         yield f"the basis has {len(found.frequencies_hz)} modes, frequencies_hz {len(hz)}"
         return
@@ -77,6 +98,26 @@ def _frequencies(body, material: str, making: dict) -> Iterator[str]:
             f"frequencies_hz[{worst}] = {hz[worst]:.6g} Hz, but the stored basis gives "
             f"{found.frequencies_hz[worst]:.6g} Hz (tolerance {FREQUENCY:g} of it)"
         )
+    if with_shapes and (strange := _strange_shapes(shapes, found)):
+        yield f"mode_shapes{strange} are not those that the stored basis gives"
+
+
+def _strange_shapes(shapes: np.ndarray, found) -> list[int]:
+    """Return which shapes (m, V, 3) are not in the span of those found at their frequencies.
+
+    Modes of equal frequency come in any mixture, and where the next one, not kept, is among them nothing can be said.
+    """
+    hz = found.frequencies_hz
+    stored, again = (fields.reshape(len(hz), -1).astype(float) for fields in (shapes, found.mode_shapes))
+    strange = []
+    for mode, own in enumerate(stored):
+        near = np.abs(hz / hz[mode] - 1) < _MIXED
+        if near[-1] and abs(found.following_hz / hz[-1] - 1) < _MIXED:
+            continue
+        basis = np.linalg.qr(again[near].T)[0]
+        if np.linalg.norm(own - basis @ (basis.T @ own)) > SHAPE * np.linalg.norm(own):
+            strange.append(mode)
+    return strange
 
 
 def _sounds(body, material: str, making: dict) -> Iterator[str]:
