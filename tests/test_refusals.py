@@ -38,6 +38,18 @@ def test_listing_by_reason(results, vibraverse):
     assert "ball-0000 (hollow), at hollow: The wall is too thin." in out
 
 
+def test_a_run_is_known_by_its_configuration(results, vibraverse, monkeypatch):
+    monkeypatch.chdir(results)
+    Path("mine.yaml").write_text(f"results: {results}\n")
+    assert vibraverse("refusals", "--config", "mine.yaml")[1].startswith("1 of 4 objects refused")
+    Path("mine.yaml").rename("config.yaml")
+    assert vibraverse("refusals")[1].startswith("1 of 4 objects refused")
+    status, _, errors = vibraverse("refusals", "--config", "yours.yaml")
+    assert (status, errors) == (
+        2, "vibraverse: the configuration file yours.yaml does not exist\n",
+    )  # fmt: skip
+
+
 def test_nothing_refused(results, vibraverse):
     _, out, _ = vibraverse("refusals", "--results", results, "--objects", "bar-0000", "cup-0000")
     assert out == "0 of 2 objects refused, 0 more in part.\n"

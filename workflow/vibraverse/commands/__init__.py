@@ -3,6 +3,41 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
+
+#: The configuration that a run has when none is named.
+DEFAULT_CONFIG = "config.yaml"
+
+
+def run_arguments() -> argparse.ArgumentParser:
+    """Return the arguments by which commands know a run, as a parent of their parsers."""
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument(
+        "--config", metavar="FILE", help=f"configuration of the run (default {DEFAULT_CONFIG})"
+    )
+    parser.add_argument("--results", metavar="DIR", help="folder of all products (default: as configured)")
+    return parser
+
+
+def run_config(chosen: argparse.Namespace):
+    """Return the configuration of the run that was named; raises ``UsageError`` where it is none."""
+    from vibraverse.cli import UsageError
+    from vibraverse.config import ConfigError, load
+
+    try:
+        config = load(chosen.config or DEFAULT_CONFIG)
+    except ConfigError as error:
+        raise UsageError(str(error)) from None
+    return config.model_copy(update={"results": chosen.results}) if chosen.results else config
+
+
+def run_paths(chosen: argparse.Namespace):
+    """Return the paths of the run that was named; one whose configuration is not here has its products in results/."""
+    from vibraverse.paths import Paths
+
+    if chosen.results or not (chosen.config or Path(DEFAULT_CONFIG).is_file()):
+        return Paths(chosen.results or "results")
+    return Paths(run_config(chosen).results)
 
 
 def share(text: str) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vibraverse import products
 from vibraverse.cli import UsageError
-from vibraverse.commands import share
+from vibraverse.commands import run_arguments, run_paths, share
 from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.tables import from_tsv
@@ -24,10 +24,8 @@ def main(argv: list[str]) -> int:
     """List the refusals; with ``--retry`` delete them, with ``--check`` judge their share."""
     parser = argparse.ArgumentParser(
         prog="vibraverse refusals",
+        parents=[run_arguments()],
         description="List refused objects by reason. An object counts as refused when nothing of it is left.",
-    )
-    parser.add_argument(
-        "--results", default="results", metavar="DIR", help="folder of all products (default results)"
     )
     parser.add_argument(
         "--objects", nargs="+", metavar="ID", help="look only at these objects (default: all there are)"
@@ -64,7 +62,7 @@ def main(argv: list[str]) -> int:
             parser.error("--retry looks at the products, not at --record")
         state = _recorded(chosen.record)
     else:
-        paths = Paths(chosen.results)
+        paths = run_paths(chosen)
         found = _scan(paths, chosen.objects, chosen.solidities)
         if chosen.retry is not None:
             return _retry(paths, found, chosen.retry)

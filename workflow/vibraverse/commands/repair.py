@@ -7,6 +7,7 @@ from pathlib import Path
 
 from vibraverse import guard
 from vibraverse.cli import UsageError
+from vibraverse.commands import run_arguments, run_paths
 from vibraverse.dataset.chain import objects_in
 from vibraverse.paths import Paths
 from vibraverse.rebuild import last_products, packed_products, shards_of, wrong_dataset, wrong_products
@@ -19,16 +20,14 @@ def main(argv: list[str]) -> int:
     """Print the wrong products; with ``--delete`` delete them. Return 1 when some are wrong and were left."""
     parser = argparse.ArgumentParser(
         prog="vibraverse repair",
+        parents=[run_arguments()],
         description="Say which products are not as they were made: those of the objects, by the checksums that later "
         "ones state, and the dataset's files, as `vibraverse check` does. Reads everything once. With --delete these "
         "products are deleted, and the next run of the workflow makes them and what depends on them again.",
     )
-    parser.add_argument(
-        "--results", default="results", metavar="DIR", help="folder of all products (default results)"
-    )
     parser.add_argument("--delete", action="store_true", help="delete them; run the workflow afterwards")
     chosen = parser.parse_args(argv)
-    paths = Paths(chosen.results)
+    paths = run_paths(chosen)
     objects, has_dataset = objects_in(paths), Path(paths.dataset_record).is_file()
     if not objects and not has_dataset:
         raise UsageError(f"there is nothing in {paths.results}; is --results the folder of a run?")

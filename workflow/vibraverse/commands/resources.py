@@ -6,17 +6,15 @@ import argparse
 
 from vibraverse import measured
 from vibraverse.cli import UsageError
-from vibraverse.paths import Paths
+from vibraverse.commands import run_arguments, run_paths
 
 
 def main(argv: list[str]) -> int:
     """Print a table, how memory grows with the unknowns, and the lines for a profile."""
     parser = argparse.ArgumentParser(
         prog="vibraverse resources",
+        parents=[run_arguments()],
         description="Suggest memory, time and group sizes for each rule from the jobs of a finished run.",
-    )
-    parser.add_argument(
-        "--results", default="results", metavar="DIR", help="folder of all products (default results)"
     )
     parser.add_argument(
         "--group-minutes",
@@ -28,10 +26,10 @@ def main(argv: list[str]) -> int:
     chosen = parser.parse_args(argv)
     if chosen.group_minutes <= 0:
         raise UsageError(f"--group-minutes must be more than 0, not {chosen.group_minutes:g}")
-    paths = Paths(chosen.results)
+    paths = run_paths(chosen)
     jobs = measured.read(paths)
     if not jobs:
-        raise UsageError(f"{chosen.results}/benchmarks holds no measurements; run the workflow first")
+        raise UsageError(f"{paths.results}/benchmarks holds no measurements; run the workflow first")
     suggestions = measured.suggest(jobs, chosen.group_minutes)
     print(table(suggestions))
     sizes = measured.unknowns(paths)

@@ -8,7 +8,8 @@ from collections import Counter
 
 from vibraverse import guard
 from vibraverse.cli import UsageError
-from vibraverse.config import ConfigError, load
+from vibraverse.commands import run_arguments, run_config
+from vibraverse.config import ConfigError
 from vibraverse.plan import Plan
 from vibraverse.progress import Survey, mean_seconds, seconds_left, survey
 
@@ -20,20 +21,13 @@ def main(argv: list[str]) -> int:
     """Print the state of the run that a configuration describes."""
     parser = argparse.ArgumentParser(
         prog="vibraverse status",
+        parents=[run_arguments()],
         description="Say how far a run is, by the products that there are. What is out of date, and why, "
         "`snakemake -n` tells.",
     )
-    parser.add_argument(
-        "--config",
-        default="config.yaml",
-        metavar="FILE",
-        help="configuration of the run (default config.yaml)",
-    )
-    parser.add_argument("--results", metavar="DIR", help="folder of all products (default: as configured)")
     chosen = parser.parse_args(argv)
     try:
-        config = load(chosen.config)
-        plan = Plan(config.model_copy(update={"results": chosen.results}) if chosen.results else config)
+        plan = Plan(run_config(chosen))
     except ConfigError as error:
         raise UsageError(str(error)) from None
     started = guard.run_since(plan.paths.results)
