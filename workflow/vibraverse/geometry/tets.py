@@ -35,8 +35,8 @@ _STEP_BACK, _MEETINGS = 0.85, 3
 _CANDIDATES = 3
 #: A surface evened for one size serves others down to this share of it.
 _STALE = 0.6
-#: Sizes are not tried beyond this many times the first, nor when this power of the miss did not mend the count: then it
-#: comes from what is small about the body, and larger triangles elsewhere would only spoil its shape.
+#: Sizes are not tried beyond this many times the first. Where this power of a miss did not mend it, the count comes from
+#: what is small about the body and larger triangles elsewhere would spoil its shape: what is not far off is left so.
 _GROWN, _IDLE = 2.0, 1.0
 #: How far the remade surface may be from the original, as a share of the size.
 _DEVIATION = 0.07
@@ -190,7 +190,7 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
         if abs(tried[-1].excess) < np.log(_TOLERANCE):
             break
         exponent = _exponent(tried)
-        if exponent > _IDLE and tried[-1].excess > 0:
+        if exponent > _IDLE and 0 < tried[-1].excess < np.log(_FAR_OFF):
             break
         size *= float(np.clip(np.exp(exponent * tried[-1].excess), 0.5, 2.0))
         if size > min(_STEP_BACK * too_large, largest):
