@@ -35,8 +35,8 @@ _STEP_BACK, _MEETINGS = 0.85, 3
 _CANDIDATES = 3
 #: A surface evened for one size serves others down to this share of it.
 _STALE = 0.6
-#: Sizes are not tried beyond this many times the first. Where this power of a miss did not mend it, the count comes from
-#: what is small about the body and larger triangles elsewhere would spoil its shape: what is not far off is left so.
+#: Sizes are not tried beyond this many times the first. Where this power of a miss did not mend it, the count comes
+#: from what is small about the body and larger triangles elsewhere would spoil its shape: what is not far off is left.
 _GROWN, _IDLE = 2.0, 1.0
 #: How far the remade surface may be from the original, as a share of the size.
 _DEVIATION = 0.07

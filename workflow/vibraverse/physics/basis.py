@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.physics.columns import signs
+from vibraverse.physics.columns import combine, signs
 from vibraverse.physics.eigensolver import RIGID, solve
 from vibraverse.physics.elasticity import Operators, assemble
 from vibraverse.physics.enrichment import correct
@@ -80,17 +80,18 @@ def build_basis(
         nodes += _adapt(space, modes, solved, near, max_error)
         probes += near
     turn, error = _compressed(space, modes, probes, max_error)
-    vectors = space.vectors @ turn
-    sign = signs(vectors)
-    vectors, (a_lambda, a_mu, sketch) = vectors * sign, space.turned(turn * sign)
+    faces, surface_nodes = boundary(cells)
+    on_surface = _positions(cells, surface_nodes)
+    surface = _at(on_surface, space.vectors) @ turn
+    sign = signs(surface.reshape(-1, surface.shape[2]))
+    turn, surface = turn * sign, surface * sign
+    a_lambda, a_mu, sketch = space.turned(turn)
     if len(centres) > 1:
         factor.update(operators.shifted(*lame(1.0, centre), pairs.shift))
     lowest, coefficients, _ = space.solve(centre, modes, solved - modes)
     corrections = correct(
-        operators, factor, pairs.shift, centre, vectors, lowest, space.vectors @ coefficients
-    )
-    faces, surface_nodes = boundary(cells)
-    on_surface = _positions(cells, surface_nodes)
+        operators, factor, pairs.shift, centre, space.vectors, lowest, combine(space.vectors, coefficients)
+    ).turned(turn)
     volume, middle, inertia = rigid_body(operators)
     return ModalBasis(
         a_lambda=a_lambda,
@@ -99,11 +100,11 @@ def build_basis(
         energy_poisson=space.energy_poisson,
         vertices=points[surface_nodes],
         faces=faces,
-        surface=vectors.reshape(-1, 3, vectors.shape[1])[on_surface],
+        surface=surface,
         correction_lambda=corrections.k_lambda,
         correction_mu=corrections.k_mu,
         correction_mass=corrections.mass,
-        correction_surface=corrections.vectors.reshape(-1, 3, corrections.vectors.shape[1])[on_surface],
+        correction_surface=_at(on_surface, corrections.vectors),
         poisson_range=np.array(poisson_range, dtype=float),
         poisson_nodes=np.array(nodes),
         error=error,
@@ -191,6 +192,11 @@ def boundary(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def _positions(cells: np.ndarray, nodes: np.ndarray) -> np.ndarray:
     """Return where the given points stand among those that the cells use."""
     return np.searchsorted(np.unique(cells), nodes)
+
+
+def _at(nodes: np.ndarray, fields: np.ndarray) -> np.ndarray:
+    """Return the values of fields (3n, m) at some nodes (V,), (V, 3, m)."""
+    return fields[(3 * nodes[:, None] + np.arange(3)).ravel()].reshape(len(nodes), 3, -1)
 
 
 def rigid_body(operators: Operators) -> tuple[float, np.ndarray, np.ndarray]:

@@ -50,6 +50,14 @@ class Corrections:
     k_mu: np.ndarray
     mass: np.ndarray
 
+    def turned(self, turn: np.ndarray) -> Corrections:
+        """Return them for the basis turned by ``turn`` (r, s), orthonormal."""
+        rank = len(turn)
+        sides = (
+            np.concatenate([turn.T @ matrix[:rank], matrix[rank:]]) for matrix in (self.k_lambda, self.k_mu)
+        )
+        return Corrections(self.vectors, *sides, turn.T @ self.mass)
+
 
 def correct(
     operators: Operators,

@@ -19,7 +19,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from vibraverse.physics.columns import Columns, clear, combine, orthonormalise
+from vibraverse.physics.columns import Columns, clear, combine, orthonormalise, product
 from vibraverse.physics.elasticity import Operators, rigid_modes
 from vibraverse.physics.materials import lame
 from vibraverse.physics.reduced import solve_reduced
@@ -79,7 +79,7 @@ class Reduction:
         probes = factor.inverse_root(rng.standard_normal((self._operators.unknowns, _SKETCH)))
         operators = self._operators
         self._probes.append(
-            [matrix @ probes for matrix in (operators.k_lambda, operators.k_mu, operators.mass)]
+            [product(matrix, probes) for matrix in (operators.k_lambda, operators.k_mu, operators.mass)]
         )
         self._sketches.append(_sketched(self._probes[-1], self.vectors))
 
@@ -91,7 +91,7 @@ class Reduction:
     def correct(self, poisson: float, values: np.ndarray, coefficients: np.ndarray, max_error: float) -> None:
         """Let the space grow by the corrections of Ritz pairs (m,), (r, m) at a Poisson's ratio."""
         stiffness = self._operators.stiffness(*lame(1.0, poisson))
-        residual = np.asfortranarray(stiffness @ combine(self.vectors, coefficients))
+        residual = np.asfortranarray(product(stiffness, combine(self.vectors, coefficients)))
         residual -= combine(self._weighted.all, values * coefficients)
         # Scaled so that xᵀ B x is the square of the relative error; directions that hardly lower it are left out.
         residual /= np.sqrt(values)
@@ -124,7 +124,7 @@ class Reduction:
         clear(block, self._rigid, self._weighted_rigid)
         clear(block, old, weighted_old)
         block, weighted, _ = orthonormalise(block, self._operators.mass)
-        images = self._operators.k_lambda @ block, self._operators.k_mu @ block
+        images = product(self._operators.k_lambda, block), product(self._operators.k_mu, block)
         self._projected = [
             _bordered(projected, old.T @ image, block.T @ image)
             for projected, image in zip(self._projected, images, strict=True)
