@@ -110,9 +110,8 @@ def hollow(
     # A sample within half a spacing of the level has a part of its cell on either side.
     asked = float(np.clip((level - samples.values) / spacing + 0.5, 0.0, 1.0).sum() * spacing**3)
     cavity, tidied, specks = None, None, 0
-    number = 0
-    while number < len(_BLADES):
-        blade = _BLADES[number]
+    blades = iter(_BLADES)
+    for blade in blades:
         shells = repair.parts(*_isosurface(samples, level, blade))
         kept = [
             shell for shell in shells if surfaces.volume(*shell) > 4 / 3 * np.pi * (_SPECK * spacing) ** 3
@@ -124,7 +123,8 @@ def hollow(
         if tidied is not None:
             cavity = tidied
             break
-        number += 2 if len(cavity[1]) > _LARGE else 1
+        if len(cavity[1]) > _LARGE:
+            next(blades, None)
     if cavity is not None and tidied is None and len(cavity[1]) > _RAW:
         raise Refused(
             "too_thin",

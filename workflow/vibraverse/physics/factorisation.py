@@ -118,7 +118,7 @@ class Pardiso:
     def _call(self, phase: int, b: np.ndarray) -> np.ndarray:
         """Run a phase for right-hand sides (n, k), columns contiguous, and return what it makes of them.
 
-        pypardiso's own call would turn them over and back, which takes a fifth of a solve's time.
+        pypardiso's own call would turn them over, and back, and build the indices anew every time.
         """
         solver, error, out = self._solver, ctypes.c_int32(0), np.zeros_like(b, order="F")
         values, rows, columns = self._matrix
@@ -137,7 +137,10 @@ class Pardiso:
         if error.value == _PARDISO_OUT_OF_MEMORY:
             raise MemoryError
         if error.value:
-            raise Refused("solve_failed", f"PARDISO failed with its error {error.value}.")
+            raise Refused(
+                "solve_failed",
+                f"PARDISO could not factorise the matrix or solve with it (its error {error.value}).",
+            )
         return out
 
     def solve(self, b: np.ndarray, phase: int = _SOLVE) -> np.ndarray:
