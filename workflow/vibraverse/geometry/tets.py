@@ -167,8 +167,9 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
     """Remake the surface at sizes that give about ``target`` elements, starting from ``size``; the best comes first.
 
     Thin walls need triangles not much larger than they are thick: there the target is as many as elements of that size
-    make, within bounds. A size at which sheets cut each other is too large whatever the target; one far above the first
-    changes the shape more than the count.
+    make, within bounds. A size at which sheets cut each other is too large unless there are far too many elements, for
+    then it is worth a try whether larger ones cut each other, too; one far above the first changes the shape more than
+    the count.
     """
     tried: list[_Remade] = []
     largest, too_large, meetings = _GROWN * size, np.inf, 0
@@ -193,7 +194,7 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
         if exponent > _IDLE and 0 < tried[-1].excess < np.log(_FAR_OFF):
             break
         size *= float(np.clip(np.exp(exponent * tried[-1].excess), 0.5, 2.0))
-        if size > min(_STEP_BACK * too_large, largest):
+        if size > largest or (size > _STEP_BACK * too_large and tried[-1].excess < np.log(_FAR_OFF)):
             break
     if not tried:
         raise SheetsMeet(f"sheets of the surface are closer than triangles of {too_large:.3g}")
