@@ -12,6 +12,7 @@ import shapes
 from vibraverse import meshfiles
 from vibraverse.config.geometry import Tets
 from vibraverse.geometry import quality, surfaces
+from vibraverse.geometry import remesh as remesh_module
 from vibraverse.geometry.fill import fill
 from vibraverse.geometry.remesh import SheetsMeet, remesh
 from vibraverse.geometry.ridges import ridges
@@ -121,6 +122,25 @@ def test_remeshing_bounds_the_distance_from_the_original():
     middles = points[triangles].mean(axis=1)
     assert np.abs(np.linalg.norm(middles, axis=1) - 0.9).max() < 0.06 * 0.2
     assert surfaces.edge_lengths(points, triangles).max() < 2 * 0.2
+
+
+def test_a_blemish_that_mmg_leaves_is_mended(monkeypatch):
+    body, deviation = shapes.ball(0.5), 0.01
+    mmg, wanted = remesh_module._mmg, []
+
+    def blemished(vertices, faces, sizes, *more):
+        wanted.append(sizes)
+        points, triangles, edges = mmg(vertices, faces, sizes, *more)
+        if len(wanted) == 1:
+            points[0] *= 0.5
+        return points, triangles, edges
+
+    monkeypatch.setattr(remesh_module, "_mmg", blemished)
+    points, _ = remesh(*body, 0.1, deviation)
+    assert len(wanted) == 2
+    finer = wanted[1] < wanted[0]
+    assert 0 < finer.mean() < 0.1
+    assert np.abs(np.linalg.norm(points, axis=1) - 0.5).max() < 2 * deviation
 
 
 def test_elements_shrink_towards_a_reentrant_edge():
