@@ -62,6 +62,22 @@ def test_a_ball_gets_a_concentric_cavity(ball, t):
     assert body.specks == 0
 
 
+def test_a_turned_body_has_the_same_cavity():
+    """Samples lie along the principal axes: a wedge-shaped cavity ends at the same place however the body lies."""
+    vertices, faces = shapes.cylinder(0.8, 0.3)
+    vertices = vertices * (1.0 + 0.3 * vertices[:, :1])  # without a symmetry but that of top and bottom
+    found = []
+    for turn in (np.eye(3), Rotation.from_euler("xyz", [50, 20, 70], degrees=True).as_matrix()):
+        surface = vertices @ turn.T, faces
+        body = hollow(*surface, Sampler(*surface).signed_distance(64), 0.6)
+        check_hollow(body, *surface)
+        points = body.vertices[np.unique(body.faces[len(faces) :])] @ turn
+        found.append((sum(body.cavities), *points.min(axis=0), *points.max(axis=0)))
+    straight, turned = np.array(found)
+    assert turned[0] == pytest.approx(straight[0], rel=2e-3)
+    assert np.abs(turned[1:] - straight[1:]).max() < 0.004
+
+
 def test_the_wall_of_a_box_is_as_thick_as_asked():
     vertices, faces = shapes.box((1.8, 1.0, 0.7))
     body = hollow(vertices, faces, Sampler(vertices, faces).signed_distance(64), 0.4)
