@@ -31,9 +31,13 @@ def shared_meshes() -> Path:
 
 
 @pytest.fixture
-def vibraverse(capfd):
+def vibraverse(capfd, monkeypatch):
     """Run the command line in this process: ``vibraverse("clean", …)`` returns (exit status, output, errors)."""
+    from vibraverse import limits
     from vibraverse.cli import main
+
+    # A process of one job may keep all memory; in this one, and in what is forked from it, limits would then not hold.
+    monkeypatch.setattr(limits, "keep_memory", lambda: None)
 
     def call(*arguments):
         try:

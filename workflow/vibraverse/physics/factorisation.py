@@ -179,6 +179,21 @@ def available(name: str = "auto") -> str:
     return "pardiso"
 
 
+def load(name: str = "auto") -> None:
+    """Let the solvers load and set aside what they do with their first matrix.
+
+    Where memory is limited and runs out at that moment, MKL ends the process, and OpenBLAS asks again for ever.
+    """
+    import scipy.linalg
+
+    small = np.eye(64)
+    for module in (np.linalg, scipy.linalg):
+        module.eigh(small @ small)
+    factor = factorise(sp.csr_matrix(small), name)
+    factor.solve(small)
+    factor.free()
+
+
 def _pardiso_solver(matrix_type: int):
     """Return pypardiso's solver, told where MKL lies: by itself it searches the whole environment for it."""
     if "PYPARDISO_MKL_RT" not in os.environ:

@@ -14,11 +14,13 @@ def run(job: Job) -> None:
     from vibraverse.basisfile import write_basis
     from vibraverse.limits import keep_memory, limited_memory
     from vibraverse.physics.basis import build_basis
+    from vibraverse.physics.factorisation import load
     from vibraverse.seeds import rng
     from vibraverse.tetfiles import read_tets
 
     points, cells = read_tets(job.inputs["tets"])
     options = job.options
+    load(options.factorisation)
     keep_memory()
     with limited_memory(options.memory_mb, "the eigensolver", "basis.memory_mb"):
         basis = build_basis(

@@ -115,9 +115,11 @@ def _solved(job: Job, basis, material: dict, scale_m: float):
         return modes, False
     from vibraverse.limits import limited_memory
     from vibraverse.physics.basis import build_basis
+    from vibraverse.physics.factorisation import load
     from vibraverse.seeds import rng
     from vibraverse.tetfiles import read_tets
 
+    load()
     with limited_memory(options.memory_mb, "the eigensolver", "modes.memory_mb"):
         direct = build_basis(
             *read_tets(job.inputs["tets"]),
