@@ -13,8 +13,9 @@ from vibraverse import meshfiles
 from vibraverse.config.geometry import Tets
 from vibraverse.geometry import quality, surfaces
 from vibraverse.geometry import remesh as remesh_module
+from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.fill import fill
-from vibraverse.geometry.remesh import SheetsMeet, remesh
+from vibraverse.geometry.remesh import Evened, SheetsMeet, remesh
 from vibraverse.geometry.ridges import ridges
 from vibraverse.geometry.tets import mesh_body, tetrahedralise
 from vibraverse.refusal import Refused, read_refusal
@@ -141,6 +142,22 @@ def test_a_blemish_that_mmg_leaves_is_mended(monkeypatch):
     finer = wanted[1] < wanted[0]
     assert 0 < finer.mean() < 0.1
     assert np.abs(np.linalg.norm(points, axis=1) - 0.5).max() < 2 * deviation
+
+
+def test_where_the_fit_makes_sheets_cut_each_other_it_may_yield(monkeypatch):
+    balls = shapes.together(shapes.ball(0.4, 3, (-0.42, 0, 0)), shapes.ball(0.4, 3, (0.42, 0, 0)))
+
+    def pushed(closest, wanted, points, triangles):
+        near = np.abs(points[:, :1]) < 0.08
+        return points - near * np.sign(points[:, :1]) * [0.05, 0.0, 0.0]
+
+    monkeypatch.setattr(remesh_module, "_fitted", pushed)
+    evened = Evened(*balls, 0.1, lambda points, size: np.full(len(points), size), 0.01, 35.0)
+    with pytest.raises(SheetsMeet):
+        evened.remade(0.1, 0.01)
+    points, triangles = evened.remade(0.1, 0.01, yielding=True)
+    assert surfaces.topology(triangles, len(points)).components == 2
+    assert not crossing_faces(points, triangles).any()
 
 
 def test_elements_shrink_towards_a_reentrant_edge():

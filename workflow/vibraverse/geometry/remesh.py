@@ -90,9 +90,13 @@ class Evened:
         with suppress(SheetsMeet):
             self._start = _mended(self._start, _EVEN * sizing(vertices, size), _EVEN * deviation)
 
-    def remade(self, size: float, deviation: float) -> Mesh:
-        """Return the surface as :func:`remesh` does, with edges of the lengths wanted for a size."""
-        return _remade(self._closest, self._body, self._start, self._sizing(self._start[0], size), deviation)
+    def remade(self, size: float, deviation: float, yielding: bool = False) -> Mesh:
+        """Return the surface as :func:`remesh` does, with edges of the lengths wanted for a size.
+
+        ``yielding``: what the fit makes cut itself stays where Mmg put it, near the original but not fitted to it.
+        """
+        local = self._sizing(self._start[0], size)
+        return _remade(self._closest, self._body, self._start, local, deviation, yielding)
 
 
 def remesh(
@@ -111,7 +115,14 @@ def remesh(
     return _remade(closest, body, start, np.full(len(vertices), float(size)), deviation)
 
 
-def _remade(closest: ClosestPoint, body: Mesh, start: tuple, local: np.ndarray, deviation: float) -> Mesh:
+def _remade(
+    closest: ClosestPoint,
+    body: Mesh,
+    start: tuple,
+    local: np.ndarray,
+    deviation: float,
+    yielding: bool = False,
+) -> Mesh:
     """Remake the surface ``start`` with edges of ``local`` (V,) and fit it to that of ``body``.
 
     ``closest`` finds points of the latter.
@@ -121,6 +132,8 @@ def _remade(closest: ClosestPoint, body: Mesh, start: tuple, local: np.ndarray, 
 
     def fit(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         fitted = _fitted(closest, wanted, points, triangles)
+        if yielding:
+            fitted = _yielded(points, fitted, triangles)
         return fitted, closest.distance(_samples(fitted, triangles)).reshape(-1, 3).max(axis=1) > tolerated
 
     return _mended(start, local, deviation, fit)[:2]
@@ -151,6 +164,18 @@ def _mended(start: tuple, local: np.ndarray, deviation: float, fit: Callable | N
     if found is None:
         raise SheetsMeet(f"{int(spoilt.sum())} faces of the remade surface cut or touch each other")
     return found
+
+
+def _yielded(points: np.ndarray, fitted: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Return the fitted points (P, 3), but those of faces that cut each other where they were."""
+    for _ in range(_MENDED):
+        crossing = crossing_faces(fitted, triangles)
+        if not crossing.any():
+            break
+        fitted = fitted.copy()
+        back = np.unique(triangles[crossing])
+        fitted[back] = points[back]
+    return fitted
 
 
 def _spoilt(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:

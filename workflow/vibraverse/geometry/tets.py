@@ -107,7 +107,7 @@ def tetrahedralise(
     body = _Body(vertices, faces)
     size = body.size_for(target_elements)
     complaints: list[str] = []
-    for ridge_deg in RIDGES_DEG:
+    for body.yielding, ridge_deg in product((False, True), RIDGES_DEG):
         try:
             trials = _sized(body, ridge_deg, size, target_elements)
         except (Refused, RuntimeError) as error:
@@ -140,6 +140,8 @@ class _Body:
         self.volume, self.area = surfaces.volume(vertices, faces), surfaces.area(vertices, faces)
         self.thickness = 2 * self.volume / self.area
         self._evened: dict[float, Evened] = {}
+        #: Whether the remade surface may lie less exactly where sheets are close, the last resort.
+        self.yielding = False
 
     def count_at(self, size: float) -> float:
         """Return about how many elements of a size surface layer and inside together hold."""
@@ -160,7 +162,7 @@ class _Body:
             sizing = Sizing(*self._surface, size)
             evened = Evened(*self._surface, size, sizing, _DEVIATION * size, ridge_deg)
             self._evened[ridge_deg] = evened
-        return evened.remade(size, _DEVIATION * size)
+        return evened.remade(size, _DEVIATION * size, self.yielding)
 
 
 def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Remade]:
