@@ -40,12 +40,16 @@ def again(object_id: str, group, making: dict, share: float = 1.0) -> Iterator[s
 
     ``making`` is how the shard was made. Sounds are left out where their options differ from object to object.
     """
-    if "shape/spectrum" in group and stable_hash(object_id, "spectrum", "check") < share * 2**64:
+
+    def asked(*names: str) -> bool:
+        return stable_hash(object_id, *names, "check") < share * 2**64
+
+    if "shape/spectrum" in group and asked("spectrum"):
         yield from _spectrum(group)
     for solidity in SOLIDITIES:
         body = group.get(solidity)
         for material in _materials(body) if body is not None else ():
-            if stable_hash(object_id, solidity, material, "check") < share * 2**64:
+            if asked(solidity, material):
                 for sentence in (*_frequencies(body, material, making), *_sounds(body, material, making)):
                     yield f"{solidity}, {material}: {sentence}"
 
@@ -60,10 +64,8 @@ def _spectrum(group) -> Iterator[str]:
     from vibraverse.basisfile import read_basis
     from vibraverse.dataset.copies import scale_free_spectrum
 
-    stored, found = (
-        group["shape/spectrum"][()],
-        scale_free_spectrum(read_basis(group["solid/basis"], surface=False)),
-    )
+    stored = group["shape/spectrum"][()]
+    found = scale_free_spectrum(read_basis(group["solid/basis"], surface=False))
     if len(found) != len(stored) or np.abs(found / stored - 1).max() > FREQUENCY:
         yield "shape/spectrum is not that of the solid body's stored basis"
 
