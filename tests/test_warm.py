@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -19,15 +20,32 @@ from vibraverse.meshfiles import write_ply
 COMMANDS = Path(sys.executable).parent
 
 
+#: A warm process in a new one, as users have it: a fork of this one would have the memory of all earlier tests.
+PROGRAM = """
+from vibraverse import warm
+warm._LIBRARIES = tuple(name for name in warm._LIBRARIES if "clean" in name or "families" in name)
+with warm.Warm() as running:
+    print(running.address, running.process, flush=True)
+    input()
+"""
+
+
+class Running(NamedTuple):
+    """Where a warm process listens, and its number."""
+
+    address: str
+    process: int
+
+
 @pytest.fixture(scope="module")
-def process(tmp_path_factory):
+def process():
     """A warm process and the environment of commands that use it; it imports what ``sources`` and ``clean`` need."""
-    kept = warm._LIBRARIES
-    warm._LIBRARIES = tuple(name for name in kept if "clean" in name or "families" in name)
-    with warm.Warm() as running:
-        warm._LIBRARIES = kept
-        path = f"{COMMANDS}{os.pathsep}{os.environ['PATH']}"
-        yield running, {**os.environ, "PATH": path, warm.VARIABLE: running.address}
+    path = f"{COMMANDS}{os.pathsep}{os.environ['PATH']}"
+    pipe = subprocess.PIPE
+    with subprocess.Popen([sys.executable, "-c", PROGRAM], stdin=pipe, stdout=pipe, text=True) as parent:
+        address, number = parent.stdout.readline().split()
+        yield Running(address, int(number)), {**os.environ, "PATH": path, warm.VARIABLE: address}
+        parent.communicate("\n")
 
 
 def sources(folder: Path, environment: dict, *more: str) -> subprocess.CompletedProcess:
