@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -53,3 +56,27 @@ def test_how_a_child_ends_is_said(threads, function, arguments, seconds, reason,
 
 def test_memory_is_counted_from_what_the_process_has(threads):
     assert run_limited(np.ones, 5 * 10**6, seconds=60, memory_mb=200, what="it").sum() == 5 * 10**6
+
+
+def wide(seconds: float) -> bytes:
+    """Return more than a pipe holds, after a while."""
+    time.sleep(seconds)
+    return bytes(10**6)
+
+
+def test_a_child_ends_with_its_process(tmp_path):
+    """A killed job leaves nobody that computes, or waits for ever to tell its result."""
+    program = (
+        "from test_limits import wide\n"
+        "from vibraverse.limits import run_limited\n"
+        "run_limited(wide, 1.0, seconds=60, memory_mb=500, what='it')\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", program], cwd=Path(__file__).parent) as job:
+        children = Path(f"/proc/{job.pid}/task/{job.pid}/children")
+        while not (child := children.read_text().split()):
+            time.sleep(0.02)
+        time.sleep(0.3)
+        job.kill()
+    time.sleep(0.2)
+    status = Path(f"/proc/{child[0]}/status")
+    assert not status.exists() or "State:\tZ" in status.read_text()  # who takes over the orphan may not reap it

@@ -23,11 +23,26 @@ from pathlib import Path
 from vibraverse.refusal import Refused
 
 _TAIL = 600
+_PR_SET_PDEATHSIG = 1
 
 
-def _child(connection, log: str, memory_mb: int, function: Callable, arguments: tuple) -> None:
+def die_with(parent: int) -> None:
+    """Let this process be killed when its ``parent`` ends, however that ends.
+
+    A child that outlives a killed job computes for nobody, and then waits for ever to tell its result.
+    """
+    import ctypes
+
+    with suppress(OSError, AttributeError):
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    if os.getppid() != parent:  # it ended before that
+        os._exit(1)
+
+
+def _child(parent: int, connection, log: str, memory_mb: int, function: Callable, arguments: tuple) -> None:
     import resource
 
+    die_with(parent)
     with open(log, "wb", buffering=0) as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
@@ -79,7 +94,7 @@ def run_limited(
     receiver, sender = context.Pipe(duplex=False)
     handle, log = tempfile.mkstemp(prefix="vibraverse-", suffix=".log")
     os.close(handle)
-    process = context.Process(target=_child, args=(sender, log, memory_mb, function, arguments), daemon=True)
+    process = context.Process(target=_child, args=(os.getpid(), sender, log, memory_mb, function, arguments), daemon=True)
     try:
         process.start()
         sender.close()

@@ -13,7 +13,6 @@ status, and kills the job when the command is gone.
 from __future__ import annotations
 
 import contextlib
-import ctypes
 import importlib
 import itertools
 import json
@@ -27,6 +26,8 @@ import sys
 import tempfile
 import traceback
 
+from vibraverse.limits import die_with
+
 VARIABLE = "VIBRAVERSE_WARM"
 #: What jobs import. Names that the environment lacks are passed over.
 _LIBRARIES = (
@@ -38,7 +39,6 @@ _LIBRARIES = (
 )  # fmt: skip
 _LENGTH = struct.Struct("!I")
 _DECLINED = "declined"
-_PR_SET_PDEATHSIG = 1
 
 
 def _identity() -> list[str]:
@@ -83,8 +83,10 @@ class Warm:
         listening.listen(64)
         sys.stdout.flush()
         sys.stderr.flush()
+        parent = os.getpid()
         self.process = os.fork()
         if self.process == 0:
+            die_with(parent)
             _serve(listening)
         listening.close()
         return self
@@ -97,16 +99,10 @@ class Warm:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
-def _die_with_parent() -> None:
-    with contextlib.suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-
-
 def _serve(listening: socket.socket) -> None:
     """Import, then fork a keeper for every command, for ever."""
     from vibraverse.cli import set_threads
 
-    _die_with_parent()
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     set_threads(1)
     identity = _identity()
@@ -156,9 +152,10 @@ def _keep(connection: socket.socket, identity: list[str]) -> None:
     if asked["identity"][:2] != identity[:2] or mine != identity[2]:
         connection.sendall(_DECLINED.encode())
         return
+    keeper = os.getpid()
     job = os.fork()
     if job == 0:
-        _die_with_parent()
+        die_with(keeper)
         connection.close()
         signal.signal(signal.SIGINT, signal.default_int_handler)
         os._exit(_work(asked, files))
