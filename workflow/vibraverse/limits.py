@@ -94,7 +94,9 @@ def run_limited(
     receiver, sender = context.Pipe(duplex=False)
     handle, log = tempfile.mkstemp(prefix="vibraverse-", suffix=".log")
     os.close(handle)
-    process = context.Process(target=_child, args=(os.getpid(), sender, log, memory_mb, function, arguments), daemon=True)
+    process = context.Process(
+        target=_child, args=(os.getpid(), sender, log, memory_mb, function, arguments), daemon=True
+    )
     try:
         process.start()
         sender.close()

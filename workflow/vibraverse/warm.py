@@ -26,6 +26,7 @@ import sys
 import tempfile
 import traceback
 
+from vibraverse.cli import ROUNDING, main, set_threads
 from vibraverse.limits import die_with
 
 VARIABLE = "VIBRAVERSE_WARM"
@@ -43,7 +44,7 @@ _DECLINED = "declined"
 
 def _identity() -> list[str]:
     """Return what a command and the warm process must share: the interpreter and this file."""
-    return [sys.executable, os.path.realpath(__file__), os.environ.get("MKL_CBWR", "")]
+    return [sys.executable, os.path.realpath(__file__)]
 
 
 def ask(address: str, argv: list[str]) -> int | None:
@@ -101,8 +102,6 @@ class Warm:
 
 def _serve(listening: socket.socket) -> None:
     """Import, then fork a keeper for every command, for ever."""
-    from vibraverse.cli import set_threads
-
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     set_threads(1)
     identity = _identity()
@@ -148,8 +147,8 @@ def _keep(connection: socket.socket, identity: list[str]) -> None:
     head, files, _, _ = socket.recv_fds(connection, _LENGTH.size, 3)
     message = connection.makefile("rb").read(_LENGTH.unpack(head)[0])
     asked = json.loads(message)
-    mine = asked["environment"].get("MKL_CBWR", identity[2])
-    if asked["identity"][:2] != identity[:2] or mine != identity[2]:
+    rounding = {name: asked["environment"].get(name, os.environ.get(name)) for name in ROUNDING}
+    if asked["identity"] != identity or rounding != {name: os.environ.get(name) for name in ROUNDING}:
         connection.sendall(_DECLINED.encode())
         return
     keeper = os.getpid()
@@ -171,8 +170,6 @@ def _keep(connection: socket.socket, identity: list[str]) -> None:
 
 def _work(asked: dict, files: list[int]) -> int:
     """Do a command as its own process would; return its exit status."""
-    from vibraverse.cli import main
-
     for number, file in enumerate(files):
         os.dup2(file, number)
         os.close(file)
