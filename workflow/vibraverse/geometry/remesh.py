@@ -46,6 +46,8 @@ _ROUNDS = 3
 #: than this many times the deviation, or than this share of the mean thickness 2V/A. Mmg promises less, but leaves a
 #: blemish now and then where a wall is curved, and half a wall's thickness in one place is 3 % of a frequency.
 _MENDED, _BROKEN, _BLEMISH = 5, 2.0, 0.25
+#: A surface that does not cut itself is not mended at the cost of more than this many times its triangles.
+_DEARER = 1.5
 #: Sheets that meet in more than this share of the faces are no local matter.
 _LOCAL = 0.02
 #: Where the surface bends, triangles may shrink to this share of the wanted size.
@@ -150,6 +152,8 @@ def _mended(start: tuple, local: np.ndarray, deviation: float, fit: Callable | N
     found = None
     for _ in range(_MENDED):
         points, triangles, edges = _mmg(vertices, faces, local, deviation, sharp)
+        if found is not None and len(triangles) > _DEARER * len(found[1]):
+            break
         spoilt = far = _spoilt(points, triangles)
         if fit is not None and not spoilt.any():
             points, far = fit(points, triangles)
