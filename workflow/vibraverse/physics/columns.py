@@ -102,17 +102,26 @@ def rayleigh_ritz(space: np.ndarray, stiffness: sp.csr_matrix, mass: sp.csr_matr
     stiff, weighted = product(stiffness, space), product(mass, space)
     energy, gram = space.T @ stiff, space.T @ weighted
     values, turn = scipy.linalg.eigh(0.5 * (energy + energy.T), 0.5 * (gram + gram.T))
-    vectors, force, inertia = (combine(block, turn) for block in (space, stiff, weighted))
-    return values, vectors, _relative(force, inertia * values)
+    # Each of these is as large as the space; no more of them at a time than needed.
+    force = combine(stiff, turn)
+    del stiff
+    inertia = combine(weighted, turn)
+    del weighted
+    found = _relative(force, inertia, values)
+    del force, inertia
+    return values, combine(space, turn), found
 
 
 def residuals(stiffness, mass, values: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Return ``‖K u - ω² M u‖ / ‖ω² M u‖`` of every pair (Euclidean norms)."""
-    return _relative(product(stiffness, vectors), product(mass, vectors) * values)
+    return _relative(product(stiffness, vectors), product(mass, vectors), values)
 
 
-def _relative(force: np.ndarray, inertia: np.ndarray) -> np.ndarray:
-    return np.linalg.norm(force - inertia, axis=0) / np.linalg.norm(inertia, axis=0)
+def _relative(force: np.ndarray, inertia: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return ``‖K u - ω² M u‖ / ‖ω² M u‖`` from K u and M u, which are overwritten."""
+    inertia *= values
+    force -= inertia
+    return np.linalg.norm(force, axis=0) / np.linalg.norm(inertia, axis=0)
 
 
 def fix_signs(vectors: np.ndarray) -> np.ndarray:

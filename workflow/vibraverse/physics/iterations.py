@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from vibraverse.physics.columns import Columns, clear, combine, orthonormalise, rayleigh_ritz
+from vibraverse.physics.columns import Columns, clear, combine, orthonormalise, product, rayleigh_ritz
 from vibraverse.physics.elasticity import rigid_modes
 from vibraverse.refusal import Refused
 
@@ -109,13 +109,17 @@ def block_lanczos(
         kept, distance = gap(values, wanted)
         # The next one must be known well enough to lie beyond the gap.
         if error[:kept].max() <= goal and error[kept] <= 0.25 * distance:
-            vectors = combine(space.all, mixing[:, :kept]) + combine(fresh, link[:, :kept])
+            weighted = None  # what follows needs the memory
+            vectors = combine(space.all, mixing[:, :kept])
+            vectors += combine(fresh, link[:, :kept])
             ritz, more = _smoothed(pencil, vectors, tolerance)
             found = Found(*ritz, float(values[kept]), block + size + more)
             # Where still more vectors would not help, rounding is the limit.
             if found.worst <= tolerance or goal < 0.05 * tolerance:
                 return found
             goal *= 0.1
+            weighted = Columns(n, 4 * wanted)
+            weighted.append(product(mass, space.all))
         if size + width > limit:
             raise Refused(
                 "solve_failed",
