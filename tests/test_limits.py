@@ -79,4 +79,6 @@ def test_a_child_ends_with_its_process(tmp_path):
         job.kill()
     time.sleep(0.2)
     status = Path(f"/proc/{child[0]}/status")
-    assert not status.exists() or "State:\tZ" in status.read_text()  # who takes over the orphan may not reap it
+    assert (
+        not status.exists() or "State:\tZ" in status.read_text()
+    )  # who takes over the orphan may not reap it

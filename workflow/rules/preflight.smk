@@ -19,6 +19,8 @@ onstart:
         preflight.stop_without(
             preflight.images, [job.container_img_url for job in waiting if job.container_img_url]
         )
+    if workflow.executor_plugin.name == "local":
+        preflight.stop_without(preflight.local_gpus, [(job.rule.name, job.resources) for job in waiting])
     if workflow.executor_plugin.name == "slurm":
         preflight.stop_without(
             preflight.slurm, [(job.rule.name, job.resources) for job in waiting if not job.is_local]

@@ -13,7 +13,7 @@ import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from vibraverse import containers, products
+from vibraverse import containers, gpus, products
 
 
 class NotThere(Exception):
@@ -71,6 +71,19 @@ def shards(missing: list[str]) -> None:
             f"({', '.join(Path(path).name for path in missing[:5])}{', …' if len(missing) > 5 else ''}); run the "
             "slices again, or without `slice` to make everything that is missing"
         )
+
+
+def local_gpus(jobs: Iterable[tuple[str, Mapping]]) -> None:
+    """Check that this machine has as many GPUs as any of the jobs (rule, resources) asks for."""
+    asked = {}
+    for rule, resources in jobs:
+        if resources.get("gpu"):
+            asked[rule] = max(asked.get(rule, 0), int(resources["gpu"]))
+    for rule, count in sorted(asked.items()):
+        try:
+            gpus.enough_of(count)
+        except gpus.NoGPU as missing:
+            raise NotThere(f"the rule {rule}: {missing}") from None
 
 
 def slurm(jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".") -> None:

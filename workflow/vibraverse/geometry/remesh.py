@@ -47,7 +47,7 @@ _ROUNDS = 3
 #: blemish now and then where a wall is curved, and half a wall's thickness in one place is 3 % of a frequency.
 _MENDED, _BROKEN, _BLEMISH = 5, 2.0, 0.25
 #: A surface that does not cut itself is not mended at the cost of more than this many times its triangles.
-_DEARER = 1.5
+_DEARER = 3.0
 #: Sheets that meet in more than this share of the faces are no local matter.
 _LOCAL = 0.02
 #: Where the surface bends, triangles may shrink to this share of the wanted size.

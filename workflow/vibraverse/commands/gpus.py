@@ -1,0 +1,56 @@
+"""``vibraverse gpus``: the GPUs of this machine and who may use them; a command with GPUs of its own."""
+
+from __future__ import annotations
+
+import argparse
+import os
+
+from vibraverse import gpus
+from vibraverse.cli import UsageError
+
+
+def main(argv: list[str]) -> int:
+    """List GPUs, or become a command that has claimed some."""
+    parser = argparse.ArgumentParser(
+        prog="vibraverse gpus",
+        usage="vibraverse gpus [--claim N [--wait S] COMMAND …]",
+        description="List the GPUs that this process may use, or run a command with N of them that no other such "
+        "command has. It sees only those (CUDA_VISIBLE_DEVICES), and has them until it ends, however it ends.",
+    )
+    parser.add_argument("--claim", type=int, metavar="N", help="how many the command gets")
+    parser.add_argument(
+        "--wait",
+        type=float,
+        default=float("inf"),
+        metavar="S",
+        help="for at most so many seconds (default: for ever)",
+    )
+    parser.add_argument("command", nargs=argparse.REMAINDER, metavar="COMMAND")
+    chosen = parser.parse_args(argv)
+    command = chosen.command[1:] if chosen.command[:1] == ["--"] else chosen.command
+    if chosen.claim is None:
+        if command:
+            raise UsageError("how many GPUs is the command to have? vibraverse gpus --claim 1 COMMAND …")
+        return _list()
+    if chosen.claim < 1 or not command:
+        raise UsageError("give a number of GPUs and a command: vibraverse gpus --claim 1 COMMAND …")
+    try:
+        gpus.Claim(chosen.claim, chosen.wait, inherited=True).__enter__()
+    except gpus.NoGPU as missing:
+        raise UsageError(str(missing)) from None
+    try:
+        os.execvp(command[0], command)
+    except OSError as error:
+        raise UsageError(f"cannot run {command[0]}: {error.strerror}") from None
+
+
+def _list() -> int:
+    found = gpus.visible()
+    if not found:
+        print("No GPU is visible here: nvidia-smi finds none, or CUDA_VISIBLE_DEVICES hides them.")
+        return 0
+    print(f"{'GPU':>3}  {'name':<28}{'MB':>8}{'used':>8}  claimed  UUID")
+    for gpu in found:
+        claimed = "yes" if gpus.claimed(gpu) else "no"
+        print(f"{gpu.index:>3}  {gpu.name:<28}{gpu.memory_mb:>8}{gpu.used_mb:>8}  {claimed:<7}  {gpu.uuid}")
+    return 0

@@ -1,0 +1,188 @@
+"""Which GPUs a job gets, when several jobs on one host look for one.
+
+Snakemake counts GPUs on a workstation (``--resources gpu=2``), but tells no job which; two that both take the first
+one run out of its memory. Here a job *claims* devices: it holds a lock on a file named after each device's UUID, and
+only sees those. Locks are the kernel's: they end with the process that holds them, however that ends. A scheduler that
+has chosen already (Slurm sets ``CUDA_VISIBLE_DEVICES``) is obeyed: only devices it shows are claimed.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+VISIBLE = "CUDA_VISIBLE_DEVICES"
+#: Where the locks are: the same folder for all users of a host and, by default, in containers.
+LOCKS = "VIBRAVERSE_GPU_LOCKS"
+_QUERY = (
+    "nvidia-smi",
+    "--query-gpu=index,uuid,name,memory.total,memory.used",
+    "--format=csv,noheader,nounits",
+)
+#: How often a job that waits looks again, in seconds.
+_AGAIN = 1.0
+
+
+class NoGPU(Exception):
+    """There are not as many GPUs as asked for, or not in time; the message says so, and the remedy."""
+
+
+@dataclass(frozen=True)
+class GPU:
+    """A device as ``nvidia-smi`` tells: memory in MiB."""
+
+    index: int
+    uuid: str
+    name: str
+    memory_mb: int
+    used_mb: int
+
+
+def visible() -> list[GPU]:
+    """Return the GPUs that this process may use, in the order of ``nvidia-smi``; none where there is no driver."""
+    try:
+        done = subprocess.run(_QUERY, capture_output=True, text=True, timeout=60)
+    except (OSError, subprocess.TimeoutExpired):
+        return []
+    if done.returncode != 0:
+        return []
+    found = []
+    for line in done.stdout.splitlines():
+        index, uuid, name, *memory = (part.strip() for part in line.split(","))
+        # A card whose memory is the processor's has none of its own to tell.
+        total, used = (int(words) if words.isdigit() else 0 for words in memory)
+        found.append(GPU(int(index), uuid, name, total, used))
+    shown = os.environ.get(VISIBLE)
+    return found if shown is None else _shown(found, shown)
+
+
+def _shown(gpus: list[GPU], shown: str) -> list[GPU]:
+    """Return those that ``CUDA_VISIBLE_DEVICES`` shows: numbers or beginnings of UUIDs, until the first that is not."""
+    chosen = []
+    for word in filter(None, (word.strip() for word in shown.split(","))):
+        if word.startswith("MIG-"):  # a part of a device, which a scheduler has chosen
+            chosen.append(GPU(-1, word, "part of a GPU (MIG)", 0, 0))
+            continue
+        matching = [gpu for gpu in gpus if word == str(gpu.index) or gpu.uuid.startswith(word)]
+        if len(matching) != 1:
+            break
+        chosen += matching
+    return chosen
+
+
+def _folder() -> Path:
+    folder = Path(os.environ.get(LOCKS) or Path(tempfile.gettempdir()) / "vibraverse-gpus")
+    folder.mkdir(parents=True, exist_ok=True)
+    with suppress(OSError):  # another user's, who has done so
+        folder.chmod(0o1777)
+    return folder
+
+
+def _lock(gpu: GPU) -> int | None:
+    """Return an open file that holds a device's lock, or None where another process holds it."""
+    path = _folder() / f"{gpu.uuid}.lock"
+    with suppress(OSError):
+        os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDONLY, 0o666))
+        path.chmod(0o666)
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        os.close(handle)
+        return None
+    return handle
+
+
+def claimed(gpu: GPU) -> bool:
+    """Return whether some process has claimed a device."""
+    handle = _lock(gpu)
+    if handle is not None:
+        os.close(handle)
+    return handle is None
+
+
+class Claim:
+    """A context that holds ``count`` GPUs: the idlest of those not claimed, waited for up to ``patience`` seconds.
+
+    Until it ends, ``CUDA_VISIBLE_DEVICES`` names them by UUID. Enter it before CUDA starts. With ``inherited`` a
+    program that this process becomes goes on holding them. Raises :class:`NoGPU` where there are too few, or none came
+    free in time.
+    """
+
+    def __init__(self, count: int = 1, patience: float = float("inf"), inherited: bool = False):
+        self._count, self._patience, self._inherited = count, patience, inherited
+        self._handles: list[int] = []
+
+    def __enter__(self) -> list[GPU]:
+        ends, said = time.monotonic() + self._patience, False
+        while not (gpus := self._take(enough_of(self._count))):
+            if time.monotonic() >= ends:
+                raise NoGPU(
+                    f"{_words(self._count)} did not come free in {self._patience:g} s; `vibraverse gpus` shows which "
+                    "are claimed"
+                )
+            if not said:
+                print(
+                    f"waiting for {_words(self._count)} that no other job has claimed",
+                    file=sys.stderr,
+                    flush=True,
+                )
+                said = True
+            time.sleep(_AGAIN)
+        self._before = os.environ.get(VISIBLE)
+        os.environ[VISIBLE] = ",".join(gpu.uuid for gpu in gpus)
+        return gpus
+
+    def _take(self, gpus: Iterable[GPU]) -> list[GPU]:
+        """Lock as many as wanted, the idlest first, or none at all: half a claim would block another half."""
+        taken = []
+        for gpu in sorted(gpus, key=lambda gpu: (gpu.used_mb, gpu.index)):
+            handle = _lock(gpu)
+            if handle is None:
+                continue
+            os.set_inheritable(handle, self._inherited)
+            self._handles.append(handle)
+            taken.append(gpu)
+            if len(taken) == self._count:
+                return taken
+        self._release()
+        return []
+
+    def _release(self) -> None:
+        while self._handles:
+            os.close(self._handles.pop())
+
+    def __exit__(self, *_) -> None:
+        self._release()
+        if self._before is None:
+            os.environ.pop(VISIBLE, None)
+        else:
+            os.environ[VISIBLE] = self._before
+
+
+def enough_of(count: int) -> list[GPU]:
+    """Return the visible GPUs; raise :class:`NoGPU` where they are fewer than ``count``, claimed or not."""
+    gpus = visible()
+    if len(gpus) >= count:
+        return gpus
+    shown = os.environ.get(VISIBLE)
+    if shown is not None:
+        raise NoGPU(f"{_words(count)} asked for, but {VISIBLE}={shown!r} shows {len(gpus) or 'none'} here")
+    if gpus:
+        raise NoGPU(f"{_words(count)} asked for, but this machine has {len(gpus)}")
+    raise NoGPU(
+        f"{_words(count)} asked for, but nvidia-smi finds none here; run where there is one "
+        "(in a container with --nv), or let the job run without"
+    )
+
+
+def _words(count: int) -> str:
+    return "a GPU" if count == 1 else f"{count} GPUs"
