@@ -57,7 +57,7 @@ def replay(folder: Path) -> dict[str, list[float]]:
     """Repeat every job in this process; return stage -> the seconds of each but the first object's."""
     from vibraverse import cli, limits
 
-    def call(function, *arguments, seconds, memory_mb, what):
+    def call(function, *arguments, **_):
         return function(*arguments)
 
     limits.run_limited = call

@@ -21,6 +21,10 @@ def crash() -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
+def unloaded() -> None:
+    raise ImportError("libwide.so: failed to map segment from shared object")
+
+
 def process() -> int:
     return os.getppid()
 
@@ -43,6 +47,7 @@ def test_a_result_comes_back_from_a_child(threads):
     ("function", "arguments", "seconds", "reason", "words"),
     [
         (np.ones, (10**8,), 60, "limit", "it needed more than 300 MB."),
+        (unloaded, (), 60, "limit", "it needed more than 300 MB."),
         (time.sleep, (60,), 0.2, "limit", "it was stopped after 0.2 s."),
         (crash, (), 60, "meshing_failed", "it crashed (SIGSEGV)."),
         (int, ("x",), 60, "meshing_failed", "it failed: ValueError"),

@@ -23,6 +23,8 @@ from pathlib import Path
 from vibraverse.refusal import Refused
 
 _TAIL = 600
+#: What libraries say that are not Python's when there is no memory left: the loader, C and C++.
+_OUT_OF_MEMORY = ("failed to map segment", "Cannot allocate memory", "bad_alloc")
 _PR_SET_PDEATHSIG = 1
 
 
@@ -56,7 +58,8 @@ def _child(parent: int, connection, log: str, memory_mb: int, function: Callable
     except MemoryError:
         result = ("memory", None)
     except Exception as error:
-        result = ("error", f"{type(error).__name__}: {error}")
+        exhausted = any(words in str(error) for words in _OUT_OF_MEMORY)
+        result = ("memory", None) if exhausted else ("error", f"{type(error).__name__}: {error}")
     connection.send(result)
     connection.close()
 

@@ -40,6 +40,11 @@ def run_paths(chosen: argparse.Namespace):
     return Paths(run_config(chosen).results)
 
 
+def counted(count: int, thing: str) -> str:
+    """Return how many there are, in words: ``1 object``, ``2 objects``."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
 def share(text: str) -> float:
     """Return a share between 0 and 1, as an argument's type."""
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 
 from vibraverse.cli import UsageError
+from vibraverse.commands import counted
 from vibraverse.config import ConfigError, load, schema_text
 from vibraverse.config.reference import markdown
 from vibraverse.sources.catalogue import catalogue
@@ -38,7 +39,7 @@ def main(argv: list[str]) -> int:
 
 def _checked(path: str) -> str:
     """Return that the configuration is valid; looks for its files, not into them."""
-    return f"{path} is valid and names {len(catalogue(load(path)))} objects."
+    return f"{path} is valid and names {counted(len(catalogue(load(path))), 'object')}."
 
 
 def _resolved(path: str) -> str:

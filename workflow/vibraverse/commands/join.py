@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from vibraverse.cli import UsageError
+from vibraverse.commands import counted
 
 
 def main(argv: list[str]) -> int:
@@ -29,5 +30,5 @@ def main(argv: list[str]) -> int:
         count = join_datasets(chosen.datasets, chosen.output)
     except (FileNotFoundError, ValueError) as error:
         raise UsageError(str(error)) from None
-    print(f"{chosen.output} shows {count} objects of {len(chosen.datasets)} datasets.")
+    print(f"{chosen.output} shows {counted(count, 'object')} of {counted(len(chosen.datasets), 'dataset')}.")
     return 0

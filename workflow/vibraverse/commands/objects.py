@@ -5,7 +5,8 @@ from __future__ import annotations
 import argparse
 
 from vibraverse.cli import UsageError
-from vibraverse.config import ConfigError, load
+from vibraverse.commands import run_arguments, run_config
+from vibraverse.config import ConfigError
 from vibraverse.sources.bundled import BUNDLED
 from vibraverse.sources.catalogue import Entry, catalogue
 from vibraverse.sources.families import FAMILIES, drawn
@@ -15,16 +16,16 @@ def main(argv: list[str]) -> int:
     """Print one line per object (id, origin, longest side, file) or per family."""
     parser = argparse.ArgumentParser(
         prog="vibraverse objects",
+        parents=[run_arguments()],
         description="List the objects a configuration names, or the shape families.",
     )
-    parser.add_argument("--config", default="config.yaml", metavar="FILE", help="default config.yaml")
     parser.add_argument("--families", action="store_true", help="list the shape families instead")
     chosen = parser.parse_args(argv)
     if chosen.families:
         _print_table([(name, family.category, family.description) for name, family in FAMILIES.items()])
         return 0
     try:
-        entries = catalogue(load(chosen.config))
+        entries = catalogue(run_config(chosen))
     except ConfigError as error:
         raise UsageError(str(error)) from None
     if not entries:

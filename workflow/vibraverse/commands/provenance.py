@@ -9,6 +9,7 @@ from pathlib import Path
 
 from vibraverse import products
 from vibraverse.cli import UsageError
+from vibraverse.commands import counted
 from vibraverse.dataset.schema import MAKING
 from vibraverse.lineage import Made, chain, jobs, makers, packed_jobs
 from vibraverse.paths import Paths
@@ -91,13 +92,18 @@ def _of_dataset(
         words = ["dataset", "--shard", shard, "--options", json.dumps(options, ensure_ascii=False)]
         if asked:
             last.append(
-                (f"{_versions(provenance)}\n    makes  {shard}: {len(names)} objects", _command(words))
+                (
+                    f"{_versions(provenance)}\n    makes  {shard}: {counted(len(names), 'object')}",
+                    _command(words),
+                )
             )
     if not held and only is not None:
         raise UsageError(f"{file} holds no object {only!r}; index.tsv lists what there is")
     last += [] if is_shard else _after_shards(paths, shards, file, inside)
     if len(held) > _SHOWN:
-        print(f"# {len(held)} objects, of which --object ID shows one; each is made of its own source.")
+        print(
+            f"# {counted(len(held), 'object')}, of which --object ID shows one; each is made of its own source."
+        )
         held = {}
     return [made for each in held.values() for made in each], last
 

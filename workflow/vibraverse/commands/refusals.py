@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vibraverse import products
 from vibraverse.cli import UsageError
-from vibraverse.commands import run_arguments, run_paths, share
+from vibraverse.commands import counted, run_arguments, run_paths, share
 from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.tables import from_tsv
@@ -162,7 +162,10 @@ def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
     for path in last_products(paths, shards_of(paths, touched)) if touched else ():
         path.unlink()
     if touched:
-        print(f"Deleted {deleted} refused products of {len(touched)} objects; the next run makes them again.")
+        print(
+            f"Deleted {counted(deleted, 'refused product')} of {counted(len(touched), 'object')}; "
+            "the next run makes them again."
+        )
     else:
         print("Nothing to retry.")
     return 0

@@ -8,7 +8,7 @@ from collections import Counter
 
 from vibraverse import guard
 from vibraverse.cli import UsageError
-from vibraverse.commands import run_arguments, run_config
+from vibraverse.commands import counted, run_arguments, run_config
 from vibraverse.config import ConfigError
 from vibraverse.plan import Plan
 from vibraverse.progress import Survey, mean_seconds, seconds_left, survey
@@ -43,8 +43,8 @@ def _objects(plan: Plan, found: Survey) -> str:
     """Return the counts of the objects, and of the refusals by stage and reason."""
     counts = found.objects
     lines = [
-        f"{len(plan.objects)} objects: {counts['done']} done, {counts['begun']} begun, {counts['missing']} not begun, "
-        f"{counts['refused']} refused, {found.in_part} more in part"
+        f"{counted(len(plan.objects), 'object')}: {counts['done']} done, {counts['begun']} begun, "
+        f"{counts['missing']} not begun, {counts['refused']} refused, {found.in_part} more in part"
     ]
     for (stage, reason), count in Counter(
         (row["stage"], row["reason"]) for row in found.refusals

@@ -8,7 +8,7 @@ extent: the cavity's surface is as good for a thin bowl as for a thick block, an
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -212,20 +212,21 @@ def _sampled(
     centre, axes = principal_axes(*surface)
     near = (cell_centres(n)[np.argwhere(distance <= level + 2 * cell)] - centre) @ axes / spacing
     low, high = np.floor(near.min(axis=0)) - 1, np.ceil(near.max(axis=0)) + 2
-    found = _Samples(np.empty(0), centre + axes @ (spacing * low), axes, spacing)
+    origin = centre + axes @ (spacing * low)
     values = affine_transform(
         distance.astype(np.float64),
         axes * (spacing / cell),
-        (found.origin - cell_centres(n)[0]) / cell,
+        (origin - cell_centres(n)[0]) / cell,
         output_shape=tuple((high - low).astype(int)),
         order=1,
         mode="nearest",
     )
+    samples = _Samples(values, origin, axes, spacing)
     close = np.argwhere(np.abs(values - level) < 0.75 * cell)
-    points = found.position(close)
+    points = samples.position(close)
     measured = closest.distance(points)
     values[tuple(close.T)] = np.where(contains(*surface, points), -measured, measured)
-    return replace(found, values=values)
+    return samples
 
 
 def _opened(samples: np.ndarray, least: float) -> np.ndarray:

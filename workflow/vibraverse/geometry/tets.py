@@ -107,10 +107,14 @@ def tetrahedralise(
     body = _Body(vertices, faces)
     size = body.size_for(target_elements)
     complaints: list[str] = []
+    met = False
     for body.yielding, ridge_deg in product((False, True), RIDGES_DEG):
+        if body.yielding and not met:
+            break
         try:
             trials = _sized(body, ridge_deg, size, target_elements)
         except (Refused, RuntimeError) as error:
+            met = met or isinstance(error, SheetsMeet)
             complaints.append(getattr(error, "message", str(error)).rstrip("."))
             continue
         size = trials[0].size
