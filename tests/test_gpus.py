@@ -28,7 +28,9 @@ def two(tmp_path, monkeypatch):
     smi.chmod(0o755)
     monkeypatch.setenv("PATH", f"{smi.parent}{os.pathsep}{os.environ['PATH']}")
     monkeypatch.setenv(gpus.LOCKS, str(tmp_path / "locks"))
-    monkeypatch.delenv(gpus.VISIBLE, raising=False)
+    for name in (gpus.VISIBLE, gpus.CLAIMED):
+        monkeypatch.setenv(name, "")  # so that what is there later is undone
+        monkeypatch.delenv(name)
 
 
 def holder(count: int, seconds: float = 30.0) -> subprocess.Popen:
@@ -84,6 +86,7 @@ def test_half_a_claim_is_none(two):
         ("GPU-111", [FIRST]),
         ("", []),
         ("0,7,1", [FIRST]),
+        ("1,1", [SECOND]),
         ("GPU-", []),
     ],
 )
@@ -106,11 +109,37 @@ def test_too_few_are_said_in_a_sentence(two, monkeypatch, capsys):
     assert "No GPU is visible here" in capsys.readouterr().out
 
 
+def test_a_name_with_slashes_can_be_claimed(two, monkeypatch):
+    monkeypatch.setenv(gpus.VISIBLE, "MIG-GPU-1/1/0")
+    with gpus.Claim() as claimed:
+        assert [gpu.uuid for gpu in claimed] == ["MIG-GPU-1/1/0"]
+
+
+def test_a_claim_inside_a_claim_is_refused(two):
+    done = subprocess.run(
+        [*COMMAND, "--claim", "1", *COMMAND, "--claim", "1", "true"], capture_output=True, text=True
+    )
+    assert done.returncode == 2
+    assert "claimed already" in done.stderr
+
+
+def test_temporary_folders_of_ones_own_do_not_matter(tmp_path, monkeypatch):
+    monkeypatch.delenv(gpus.LOCKS, raising=False)
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    assert gpus._folder() == Path("/tmp/vibraverse-gpus")
+    private = tmp_path / "private"
+    private.mkdir(mode=0o700)
+    monkeypatch.setenv(gpus.LOCKS, str(private))
+    assert gpus._folder().stat().st_mode & 0o777 == 0o700
+
+
 def test_mistakes_in_the_command(two, capsys):
     assert cli.main(["gpus", "--claim", "1"]) == 2
     assert cli.main(["gpus", "train"]) == 2
     assert cli.main(["gpus", "--claim", "1", "no-such-program"]) == 2
     assert "cannot run no-such-program" in capsys.readouterr().err
+    assert gpus.VISIBLE not in os.environ
+    assert not any(map(gpus.claimed, gpus.visible()))
 
 
 def test_the_list(two, capsys):

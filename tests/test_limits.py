@@ -25,6 +25,11 @@ def unloaded() -> None:
     raise ImportError("libwide.so: failed to map segment from shared object")
 
 
+def large() -> bytes:
+    """Return what takes as much again to be sent."""
+    return bytes(200 * 10**6)
+
+
 def process() -> int:
     return os.getppid()
 
@@ -48,6 +53,7 @@ def test_a_result_comes_back_from_a_child(threads):
     [
         (np.ones, (10**8,), 60, "limit", "it needed more than 300 MB."),
         (unloaded, (), 60, "limit", "it needed more than 300 MB."),
+        (large, (), 60, "limit", "it needed more than 300 MB."),
         (time.sleep, (60,), 0.2, "limit", "it was stopped after 0.2 s."),
         (crash, (), 60, "meshing_failed", "it crashed (SIGSEGV)."),
         (int, ("x",), 60, "meshing_failed", "it failed: ValueError"),
@@ -79,6 +85,7 @@ def test_a_child_ends_with_its_process(tmp_path):
     with subprocess.Popen([sys.executable, "-c", program], cwd=Path(__file__).parent) as job:
         children = Path(f"/proc/{job.pid}/task/{job.pid}/children")
         while not (child := children.read_text().split()):
+            assert job.poll() is None
             time.sleep(0.02)
         time.sleep(0.3)
         job.kill()

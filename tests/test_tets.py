@@ -11,8 +11,9 @@ import pytest
 import shapes
 from vibraverse import meshfiles
 from vibraverse.config.geometry import Tets
-from vibraverse.geometry import quality, surfaces
+from vibraverse.geometry import quality, repair, surfaces
 from vibraverse.geometry import remesh as remesh_module
+from vibraverse.geometry import tets as tets_module
 from vibraverse.geometry.crossing import crossing_faces
 from vibraverse.geometry.fill import fill
 from vibraverse.geometry.remesh import Evened, SheetsMeet, remesh
@@ -142,6 +143,37 @@ def test_a_blemish_that_mmg_leaves_is_mended(monkeypatch):
     finer = wanted[1] < wanted[0]
     assert 0 < finer.mean() < 0.1
     assert np.abs(np.linalg.norm(points, axis=1) - 0.5).max() < 2 * deviation
+
+
+def test_a_blemish_is_not_mended_at_any_price(monkeypatch):
+    """Every round has twice the triangles and the blemish still; the price is that of the first, not of the last."""
+    rounds = []
+
+    def blemished(vertices, faces, sizes, *_):
+        points, triangles = repair.split(*shapes.ball(0.5), 0.04 / 2 ** (len(rounds) / 2))
+        rounds.append(len(triangles))
+        points[0] *= 0.5
+        return points, triangles, np.zeros((0, 2), np.int64)
+
+    monkeypatch.setattr(remesh_module, "_mmg", blemished)
+    _, triangles = remesh(*shapes.ball(0.5), 0.1, 0.01)
+    assert len(triangles) == max(count for count in rounds if count <= 3 * rounds[0])
+    assert rounds[-1] > 3 * rounds[0]
+
+
+def test_a_later_size_that_fails_does_not_lose_an_earlier_one(monkeypatch):
+    remade, sizes = tets_module._Body.remade, []
+
+    def failing(self, size, ridge_deg):
+        sizes.append((size, ridge_deg))
+        if len(sizes) > 1:
+            raise RuntimeError("Mmg gave up")
+        return remade(self, 2 * size, ridge_deg)  # far too few elements, so that another size is tried
+
+    monkeypatch.setattr(tets_module._Body, "remade", failing)
+    mesh = tetrahedralise(*shapes.ball())
+    assert len(sizes) == 2
+    assert mesh.quality["ridge_deg"] == 35.0
 
 
 def test_where_the_fit_makes_sheets_cut_each_other_it_may_yield(monkeypatch):

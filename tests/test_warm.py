@@ -14,7 +14,7 @@ from typing import NamedTuple
 import pytest
 
 import shapes
-from vibraverse import warm
+from vibraverse import cli, warm
 from vibraverse.meshfiles import write_ply
 
 COMMANDS = Path(sys.executable).parent
@@ -93,6 +93,21 @@ def test_a_failure_keeps_its_exit_status_and_words(process, tmp_path):
     done = sources(tmp_path, process[1], "--nonsense")
     assert done.returncode == 2
     assert "unrecognized arguments: --nonsense" in done.stderr
+
+
+def test_a_job_that_cannot_say_why_it_fails_fails(process, tmp_path):
+    with open("/dev/full", "w") as full:
+        done = subprocess.run(
+            [str(COMMANDS / "vibraverse"), "sources", "--nonsense"], cwd=tmp_path, env=process[1], stderr=full
+        )
+    assert done.returncode != 0
+
+
+def test_threads_are_read_in_either_form():
+    assert cli.asked_threads(["sources", "--threads", "4"]) == "4"
+    assert cli.asked_threads(["sources", "--threads=4"]) == "4"
+    assert cli.asked_threads(["sources", "--object", "--threads"]) == ""
+    assert cli.asked_threads(["sources"]) == "1"
 
 
 def test_the_limits_of_a_child_hold(process, tmp_path):

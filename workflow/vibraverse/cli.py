@@ -64,7 +64,7 @@ _THREAD_VARIABLES = (
 )
 
 #: Libraries choose loops by the processor, and each rounds in its own way: a level set whose axes turn by 1e-9 may be
-#: remade quite differently. With these every processor with AVX2 (2013 and later) takes the same loops.
+#: remade quite differently. With these every processor with AVX2 takes the same loops.
 ROUNDING = {
     "MKL_CBWR": "AVX2,STRICT",
     "OPENBLAS_CORETYPE": "Haswell",
@@ -88,9 +88,14 @@ def _overview() -> str:
 
 
 def set_threads(threads: int) -> None:
-    """Fix the thread count and the rounding before any numerical library is loaded."""
+    """Fix the thread count, and the rounding, before any numerical library is loaded."""
     for variable in _THREAD_VARIABLES:
         os.environ[variable] = str(threads)
+    set_rounding()
+
+
+def set_rounding() -> None:
+    """Let libraries take the same loops as on other processors; before any of them is loaded."""
     if {"avx2", "fma"} <= _processor_flags():
         for variable, value in ROUNDING.items():
             os.environ.setdefault(variable, value)
@@ -108,6 +113,7 @@ def _processor_flags() -> set[str]:
 def main(argv: list[str] | None = None) -> int:
     """Run the command line; return the exit status."""
     argv = sys.argv[1:] if argv is None else argv
+    set_rounding()
     if not argv or argv[0] in ("-h", "--help", "help"):
         print(_overview(), end="")
         return 0
@@ -142,11 +148,20 @@ def main(argv: list[str] | None = None) -> int:
         return 141
 
 
+def asked_threads(argv: list[str]) -> str:
+    """Return what stands after ``--threads``, which is needed before there is a parser: that of the stage."""
+    for word, following in itertools.pairwise([*argv, ""]):
+        name, equals, value = word.partition("=")
+        if name == "--threads":
+            return value if equals else following
+    return "1"
+
+
 def _run_stage(name: str, argv: list[str], command: list[str]) -> int:
     from vibraverse.config import ConfigError, validate
     from vibraverse.stage import Job, run
 
-    threads = next((b for a, b in itertools.pairwise(argv) if a == "--threads"), "1")
+    threads = asked_threads(argv)
     set_threads(int(threads) if threads.isdigit() else 1)
     stage = importlib.import_module(f"vibraverse.stages.{name}").STAGE
 

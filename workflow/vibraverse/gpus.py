@@ -2,8 +2,8 @@
 
 Snakemake counts GPUs on a workstation (``--resources gpu=2``), but tells no job which; two that both take the first
 one run out of its memory. Here a job *claims* devices: it holds a lock on a file named after each device's UUID, and
-only sees those. Locks are the kernel's: they end with the process that holds them, however that ends. A scheduler that
-has chosen already (Slurm sets ``CUDA_VISIBLE_DEVICES``) is obeyed: only devices it shows are claimed.
+only sees those. Locks are the kernel's: they end with the processes that hold them, however these end. A scheduler that
+has chosen already (Slurm sets ``CUDA_VISIBLE_DEVICES``) is obeyed: only devices it shows are claimed. NVIDIA's alone.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import fcntl
 import os
 import subprocess
 import sys
-import tempfile
 import time
 from collections.abc import Iterable
 from contextlib import suppress
@@ -20,8 +19,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
-#: Where the locks are: the same folder for all users of a host and, by default, in containers.
-LOCKS = "VIBRAVERSE_GPU_LOCKS"
+#: The UUIDs that a program or one that started it has claimed.
+CLAIMED = "VIBRAVERSE_GPUS_CLAIMED"
+#: Where the locks are: the same folder for all users of a host, whatever their TMPDIR, and by default in containers.
+LOCKS, _FOLDER = "VIBRAVERSE_GPU_LOCKS", "/tmp/vibraverse-gpus"
 _QUERY = (
     "nvidia-smi",
     "--query-gpu=index,uuid,name,memory.total,memory.used",
@@ -65,36 +66,38 @@ def visible() -> list[GPU]:
 
 
 def _shown(gpus: list[GPU], shown: str) -> list[GPU]:
-    """Return those that ``CUDA_VISIBLE_DEVICES`` shows: numbers or beginnings of UUIDs, until the first that is not."""
+    """Return those that ``CUDA_VISIBLE_DEVICES`` shows: numbers or beginnings of UUIDs.
+
+    As CUDA does it ends at the first that is no device, or one again."""
     chosen = []
     for word in filter(None, (word.strip() for word in shown.split(","))):
         if word.startswith("MIG-"):  # a part of a device, which a scheduler has chosen
             chosen.append(GPU(-1, word, "part of a GPU (MIG)", 0, 0))
             continue
         matching = [gpu for gpu in gpus if word == str(gpu.index) or gpu.uuid.startswith(word)]
-        if len(matching) != 1:
+        if len(matching) != 1 or matching[0] in chosen:
             break
         chosen += matching
     return chosen
 
 
 def _folder() -> Path:
-    folder = Path(os.environ.get(LOCKS) or Path(tempfile.gettempdir()) / "vibraverse-gpus")
-    folder.mkdir(parents=True, exist_ok=True)
-    with suppress(OSError):  # another user's, who has done so
+    folder = Path(os.environ.get(LOCKS) or _FOLDER)
+    with suppress(FileExistsError):
+        folder.mkdir(parents=True)
         folder.chmod(0o1777)
     return folder
 
 
-def _lock(gpu: GPU) -> int | None:
+def _lock(gpu: GPU, kind: int = fcntl.LOCK_EX) -> int | None:
     """Return an open file that holds a device's lock, or None where another process holds it."""
-    path = _folder() / f"{gpu.uuid}.lock"
+    path = _folder() / f"{gpu.uuid.replace('/', '_')}.lock"
     with suppress(OSError):
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDONLY, 0o666))
         path.chmod(0o666)
     handle = os.open(path, os.O_RDONLY)
     try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        fcntl.flock(handle, kind | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
         return None
@@ -103,7 +106,7 @@ def _lock(gpu: GPU) -> int | None:
 
 def claimed(gpu: GPU) -> bool:
     """Return whether some process has claimed a device."""
-    handle = _lock(gpu)
+    handle = _lock(gpu, fcntl.LOCK_SH)
     if handle is not None:
         os.close(handle)
     return handle is None
@@ -113,8 +116,8 @@ class Claim:
     """A context that holds ``count`` GPUs: the idlest of those not claimed, waited for up to ``patience`` seconds.
 
     Until it ends, ``CUDA_VISIBLE_DEVICES`` names them by UUID. Enter it before CUDA starts. With ``inherited`` a
-    program that this process becomes goes on holding them. Raises :class:`NoGPU` where there are too few, or none came
-    free in time.
+    program that this process becomes goes on holding them, and so does what that starts. Raises :class:`NoGPU` where
+    there are too few, or not enough came free in time.
     """
 
     def __init__(self, count: int = 1, patience: float = float("inf"), inherited: bool = False):
@@ -122,8 +125,12 @@ class Claim:
         self._handles: list[int] = []
 
     def __enter__(self) -> list[GPU]:
+        gpus = enough_of(self._count)
+        mine = set(filter(None, os.environ.get(CLAIMED, "").split(",")))
+        if mine and mine >= {gpu.uuid for gpu in gpus}:
+            raise NoGPU("these GPUs are claimed already, by a command that this one runs in; claim them once")
         ends, said = time.monotonic() + self._patience, False
-        while not (gpus := self._take(enough_of(self._count))):
+        while not (gpus := self._take(gpus)):
             if time.monotonic() >= ends:
                 raise NoGPU(
                     f"{_words(self._count)} did not come free in {self._patience:g} s; `vibraverse gpus` shows which "
@@ -137,8 +144,9 @@ class Claim:
                 )
                 said = True
             time.sleep(_AGAIN)
-        self._before = os.environ.get(VISIBLE)
-        os.environ[VISIBLE] = ",".join(gpu.uuid for gpu in gpus)
+            gpus = visible()
+        self._before = {name: os.environ.get(name) for name in (VISIBLE, CLAIMED)}
+        os.environ[VISIBLE] = os.environ[CLAIMED] = ",".join(gpu.uuid for gpu in gpus)
         return gpus
 
     def _take(self, gpus: Iterable[GPU]) -> list[GPU]:
@@ -162,10 +170,11 @@ class Claim:
 
     def __exit__(self, *_) -> None:
         self._release()
-        if self._before is None:
-            os.environ.pop(VISIBLE, None)
-        else:
-            os.environ[VISIBLE] = self._before
+        for name, value in self._before.items():
+            if value is None:
+                os.environ.pop(name, None)
+            else:
+                os.environ[name] = value
 
 
 def enough_of(count: int) -> list[GPU]:

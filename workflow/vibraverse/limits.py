@@ -23,8 +23,14 @@ from pathlib import Path
 from vibraverse.refusal import Refused
 
 _TAIL = 600
-#: What libraries say that are not Python's when there is no memory left: the loader, C and C++.
-_OUT_OF_MEMORY = ("failed to map segment", "Cannot allocate memory", "bad_alloc")
+#: What libraries say when there is no memory left: the loader, C, C++, SuperLU.
+_OUT_OF_MEMORY = (
+    "failed to map segment",
+    "Cannot allocate memory",
+    "bad_alloc",
+    "MALLOC fails",
+    "alloc() fails",
+)
 _PR_SET_PDEATHSIG = 1
 
 
@@ -48,20 +54,30 @@ def _child(parent: int, connection, log: str, memory_mb: int, function: Callable
     with open(log, "wb", buffering=0) as file:
         os.dup2(file.fileno(), 1)
         os.dup2(file.fileno(), 2)
-    limit = memory_mb * 2**20 + _address_space()
+    limit = _limit(memory_mb)
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        result = ("ok", function(*arguments))
+        connection.send(("ok", function(*arguments)))
     except Refused as refused:
-        result = ("refused", refused)
-    except MemoryError:
-        result = ("memory", None)
+        connection.send(("refused", refused))
     except Exception as error:
-        exhausted = any(words in str(error) for words in _OUT_OF_MEMORY)
-        result = ("memory", None) if exhausted else ("error", f"{type(error).__name__}: {error}")
-    connection.send(result)
+        exhausted = out_of_memory(error)
+        connection.send(("memory", None) if exhausted else ("error", f"{type(error).__name__}: {error}"))
     connection.close()
+
+
+def out_of_memory(error: Exception) -> bool:
+    """Return whether an error means that there is no memory left, in Python's words or a library's."""
+    return isinstance(error, MemoryError) or any(words in str(error) for words in _OUT_OF_MEMORY)
+
+
+def _limit(memory_mb: int) -> int:
+    """Return the bytes of address space that this process may have to take so much more, and no more than it may."""
+    import resource
+
+    limit, hard = memory_mb * 2**20 + _address_space(), resource.getrlimit(resource.RLIMIT_AS)[1]
+    return limit if hard == resource.RLIM_INFINITY else min(limit, hard)
 
 
 def _address_space() -> int:
@@ -151,13 +167,12 @@ def limited_memory(memory_mb: int, what: str, key: str) -> Iterator[None]:
     import resource
 
     before = resource.getrlimit(resource.RLIMIT_AS)
-    limit = memory_mb * 2**20 + _address_space()
-    if before[1] != resource.RLIM_INFINITY:
-        limit = min(limit, before[1])
-    resource.setrlimit(resource.RLIMIT_AS, (limit, before[1]))
+    resource.setrlimit(resource.RLIMIT_AS, (_limit(memory_mb), before[1]))
     try:
         yield
-    except MemoryError:
+    except Exception as error:
+        if not out_of_memory(error):
+            raise
         raise Refused(
             "limit",
             f"{what} needed more than {memory_mb} MB.",

@@ -1,4 +1,4 @@
-"""Whether what a run asks for is there, said in one sentence before its first job: Apptainer, images, Slurm.
+"""Whether what a run asks for is there, said in one sentence before its first job: Apptainer, images, Slurm, GPUs.
 
 A job that cannot start waits in a queue, or fails with the words of a tool that its owner may never have called. What
 can be known before is asked here, of the jobs that will run and nothing else.
@@ -74,7 +74,9 @@ def shards(missing: list[str]) -> None:
 
 
 def local_gpus(jobs: Iterable[tuple[str, Mapping]]) -> None:
-    """Check that this machine has as many GPUs as any of the jobs (rule, resources) asks for."""
+    """Check that this machine has as many of NVIDIA's GPUs as any of the jobs (rule, resources) asks for."""
+    if sys.platform == "darwin" or os.path.exists("/dev/kfd"):  # Apple's, AMD's
+        return
     asked = {}
     for rule, resources in jobs:
         if resources.get("gpu"):

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import contextlib
 import importlib
-import itertools
 import json
 import os
 import select
@@ -26,7 +25,7 @@ import sys
 import tempfile
 import traceback
 
-from vibraverse.cli import ROUNDING, main, set_threads
+from vibraverse.cli import ROUNDING, asked_threads, main, set_threads
 from vibraverse.limits import die_with
 
 VARIABLE = "VIBRAVERSE_WARM"
@@ -49,8 +48,7 @@ def _identity() -> list[str]:
 
 def ask(address: str, argv: list[str]) -> int | None:
     """Let the warm process do a command; return its exit status, or None where it must be done here."""
-    threads = next((b for a, b in itertools.pairwise(argv) if a == "--threads"), "1")
-    if threads != "1":
+    if asked_threads(argv) != "1":
         return None
     mask = os.umask(0)
     os.umask(mask)
@@ -61,9 +59,9 @@ def ask(address: str, argv: list[str]) -> int | None:
             connection.connect(address)
             socket.send_fds(connection, [_LENGTH.pack(len(message))], [0, 1, 2])
             connection.sendall(message)
-        except OSError:
+            answer = connection.makefile("r").read()
+        except OSError:  # nothing listens there, or it ended before it took the command
             return None
-        answer = connection.makefile("r").read()
     if answer == _DECLINED:
         return None
     if not answer:
@@ -87,8 +85,11 @@ class Warm:
         parent = os.getpid()
         self.process = os.fork()
         if self.process == 0:
-            die_with(parent)
-            _serve(listening)
+            try:
+                die_with(parent)
+                _serve(listening)
+            finally:
+                os._exit(1)
         listening.close()
         return self
 
@@ -106,9 +107,9 @@ def _serve(listening: socket.socket) -> None:
     set_threads(1)
     identity = _identity()
     for name in _LIBRARIES:
-        with contextlib.suppress(ImportError):
+        with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
             importlib.import_module(name)
-    with contextlib.suppress(ImportError):
+    with contextlib.suppress(Exception):
         _load_compiled_loops()
     signal.signal(signal.SIGCHLD, _reap)
     while True:
@@ -157,7 +158,11 @@ def _keep(connection: socket.socket, identity: list[str]) -> None:
         die_with(keeper)
         connection.close()
         signal.signal(signal.SIGINT, signal.default_int_handler)
-        os._exit(_work(asked, files))
+        status = 1
+        try:
+            status = _work(asked, files)
+        finally:
+            os._exit(status)
     watched = os.pidfd_open(job)
     ready, _, _ = select.select([connection, watched], [], [])
     if watched not in ready:
@@ -173,7 +178,8 @@ def _work(asked: dict, files: list[int]) -> int:
     for number, file in enumerate(files):
         os.dup2(file, number)
         os.close(file)
-    sys.stdin, sys.stdout, sys.stderr = map(os.fdopen, (0, 1, 2), "rww")
+    sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
+    sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
     os.chdir(asked["folder"])
     os.umask(asked["mask"])
     os.environ.clear()

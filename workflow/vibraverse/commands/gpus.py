@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import signal
 
 from vibraverse import gpus
 from vibraverse.cli import UsageError
@@ -15,7 +16,7 @@ def main(argv: list[str]) -> int:
         prog="vibraverse gpus",
         usage="vibraverse gpus [--claim N [--wait S] COMMAND …]",
         description="List the GPUs that this process may use, or run a command with N of them that no other such "
-        "command has. It sees only those (CUDA_VISIBLE_DEVICES), and has them until it ends, however it ends.",
+        "command has. It sees only those (CUDA_VISIBLE_DEVICES), and has them until it and what it started end.",
     )
     parser.add_argument("--claim", type=int, metavar="N", help="how many the command gets")
     parser.add_argument(
@@ -35,11 +36,11 @@ def main(argv: list[str]) -> int:
     if chosen.claim < 1 or not command:
         raise UsageError("give a number of GPUs and a command: vibraverse gpus --claim 1 COMMAND …")
     try:
-        gpus.Claim(chosen.claim, chosen.wait, inherited=True).__enter__()
+        with gpus.Claim(chosen.claim, chosen.wait, inherited=True):
+            signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # which Python ignores, and the program would, too
+            os.execvp(command[0], command)
     except gpus.NoGPU as missing:
         raise UsageError(str(missing)) from None
-    try:
-        os.execvp(command[0], command)
     except OSError as error:
         raise UsageError(f"cannot run {command[0]}: {error.strerror}") from None
 

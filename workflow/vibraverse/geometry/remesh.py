@@ -149,10 +149,15 @@ def _mended(start: tuple, local: np.ndarray, deviation: float, fit: Callable | N
     the surface still cuts itself in the end.
     """
     vertices, faces, sharp = start
-    found = None
+    found, most = None, np.inf
     for _ in range(_MENDED):
-        points, triangles, edges = _mmg(vertices, faces, local, deviation, sharp)
-        if found is not None and len(triangles) > _DEARER * len(found[1]):
+        try:
+            points, triangles, edges = _mmg(vertices, faces, local, deviation, sharp)
+        except RuntimeError:
+            if found is None:
+                raise
+            break
+        if len(triangles) > most:
             break
         spoilt = far = _spoilt(points, triangles)
         if fit is not None and not spoilt.any():
@@ -160,6 +165,7 @@ def _mended(start: tuple, local: np.ndarray, deviation: float, fit: Callable | N
             spoilt = crossing_faces(points, triangles)
         if not spoilt.any():
             found, spoilt = (points, triangles, edges), far
+            most = min(most, _DEARER * len(triangles))
             if not far.any():
                 break
         coarser, local = local, _finer(vertices, local, points, triangles[spoilt])

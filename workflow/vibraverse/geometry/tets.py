@@ -190,7 +190,16 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
             if meetings == _MEETINGS - 1:
                 size = min(size, _THICKNESSES * body.thickness)
             continue
-        count = _OPTIMISED * len(fill(points, triangles, optimise=False)[1])
+        except RuntimeError:
+            if tried:
+                break
+            raise
+        try:
+            count = _OPTIMISED * len(fill(points, triangles, optimise=False)[1])
+        except Refused:
+            if tried:
+                break
+            raise
         thin = count * body.count_at(_THICKNESSES * body.thickness) / body.count_at(size)
         wanted = float(np.clip(thin, target, _MORE * target))
         tried.append(_Remade(size, points, triangles, wanted, float(np.log(count / wanted))))

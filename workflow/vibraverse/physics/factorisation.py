@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
+from vibraverse.limits import out_of_memory
 from vibraverse.refusal import Refused
 
 #: PARDISO's phases and errors.
@@ -44,6 +45,8 @@ class SuperLU:
                 options={"SymmetricMode": True},
             )
         except RuntimeError as error:
+            if out_of_memory(error):
+                raise MemoryError from None
             raise Refused("solve_failed", f"SuperLU could not factorise the matrix: {error}.") from None
 
     def solve(self, b: np.ndarray) -> np.ndarray:
