@@ -8,7 +8,7 @@ VERSIONS = {
     "grids": 2,
     "hollow": 7,
     "tets": 6,
-    "basis": 5,
+    "basis": 6,
     "modes": 5,
     "audio": 1,
     "images": 1,
