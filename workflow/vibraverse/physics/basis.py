@@ -33,8 +33,9 @@ _REACH = 4.0
 _PROBES, _CORRECTIONS = 7, 20
 #: What is corrected at a ν: every mode whose error is above this share of the error wanted.
 _MARGIN = 0.3
-#: What the corrections leave of the error wanted to the compression.
-_SPARE = 0.7
+#: Errors are estimated to 20 % and at some ν only: of the error wanted so much may be left by the corrections, and so
+#: much after the compression.
+_CORRECTED, _COMPRESSED = 0.7, 0.8
 #: Directions that the modes need by less than this are dropped in the end; the first value that keeps the error wanted.
 _DROPS = (1e-3, 5e-4, 2e-4, 1e-4, 3e-5, 1e-5)
 
@@ -152,7 +153,7 @@ def _adapt(space: Reduction, modes: int, solved: int, probes: list[float], max_e
         found = {poisson: space.solve(poisson, modes, solved - modes) for poisson in probes}
         errors = {poisson: error[:modes].max() for poisson, (_, _, error) in found.items()}
         # A larger space has smaller errors: what is good enough is not looked at again.
-        probes = [poisson for poisson in probes if errors[poisson] > _SPARE * max_error]
+        probes = [poisson for poisson in probes if errors[poisson] > _CORRECTED * max_error]
         if not probes:
             break
         worst = max(probes, key=errors.get)
@@ -174,7 +175,7 @@ def _compressed(
         turn = space.needed(needed, drop)
         reduced = *space.turned(turn), space.energy_poisson
         error = max(solve_reduced(*reduced, poisson, modes)[2].max() for poisson in probes)
-        if error <= max_error:
+        if error <= _COMPRESSED * max_error:
             break
     return turn, float(error)
 
