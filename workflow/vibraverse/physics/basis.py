@@ -159,8 +159,6 @@ def _adapt(space: Reduction, modes: int, solved: int, probes: list[float], max_e
         worst = max(probes, key=errors.get)
         values, coefficients, error = found[worst]
         columns = error > _MARGIN * max_error
-        # Those beyond the modes wanted may come among them where spectra cross; roughly right is enough for that.
-        columns[modes:] &= worst not in nodes
         space.correct(worst, values[columns], coefficients[:, columns], max_error)
         nodes.append(worst)
     return nodes
