@@ -14,7 +14,8 @@ from vibraverse.cli import _processor_flags
 #: from each other where nothing is pinned.
 RECORDED = ("2.4.6", "1.17.1")
 DIGESTS = (
-    "exp fd74a792 log 970063c6 power a332927c product 7a4c0578 eigh 5a0f3da3 axes fb86a7cf basis d317e2ee"
+    "exp fd74a792 log 970063c6 power a332927c product 7a4c0578 eigh 5a0f3da3 axes fb86a7cf "
+    "stiffness 2e5aae81 solution e5989bb8 modes 549cf654"
 )
 PROGRAM = """
 from vibraverse.cli import set_threads
@@ -22,11 +23,13 @@ set_threads(1)
 import hashlib
 import numpy as np
 import scipy
+import scipy.linalg
 import shapes
 from meshes import box
 from vibraverse.geometry.moments import principal_axes
-from vibraverse.physics.basis import build_basis
-from vibraverse.physics.modes import reduced_solve
+from vibraverse.physics.elasticity import assemble
+from vibraverse.physics.factorisation import factorise
+from vibraverse.physics.materials import lame
 
 def digest(array):
     return hashlib.sha256(np.ascontiguousarray(array).tobytes()).hexdigest()[:8]
@@ -43,9 +46,12 @@ loops = {
 }
 vertices, faces = shapes.ball(subdivisions=4)
 loops["axes"] = principal_axes(vertices * [1, 1.0001, 0.2], faces)[1]
-bricks = box((1.8, 1.1, 0.7), (6, 5, 4))
-basis = build_basis(*bricks, rng=np.random.default_rng(0), modes=20, factorisation="superlu")
-loops["basis"] = reduced_solve(basis, 0.3, 20).values
+operators = assemble(*box((1.8, 1.1, 0.7), (6, 5, 4)))
+loops["stiffness"] = operators.stiffness(*lame(1.0, 0.3)).data
+factor = factorise(operators.shifted(*lame(1.0, 0.3), -1.0), "superlu")
+loops["solution"] = factor.solve(random.normal(size=(operators.unknowns, 5)))
+small = operators.shifted(*lame(1.0, 0.3), -1.0)[:600, :600].toarray()
+loops["modes"] = scipy.linalg.eigh(small, subset_by_index=(0, 20))[0]
 print(np.__version__, scipy.__version__)
 print(*(f"{name} {digest(array)}" for name, array in loops.items()))
 """
