@@ -94,7 +94,8 @@ class Plan:
         return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
     def modes_class(self) -> str:
-        """Return the resource class of stage ``modes``: heavy where a material must be solved on the mesh."""
-        low, high = self.config.basis.poisson_range
+        """Return the resource class of stage ``modes``: heavy where a material may have to be solved on the mesh."""
+        basis = self.config.basis
+        low, high = basis.poisson_range
         inside = all(low <= material.poisson <= high for material in self.config.materials.values())
-        return "light" if inside else "solver"
+        return "light" if inside and basis.max_error <= self.config.modes.tolerance else "solver"
