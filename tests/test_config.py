@@ -215,6 +215,26 @@ def test_check_looks_for_the_files(tmp_path, vibraverse):
     assert "sources.files[0].path: there is no file or folder" in err
 
 
+def test_check_says_what_a_run_would(tmp_path, vibraverse, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "config.yaml"
+    path.write_text("dataset: {keep_splits: old.tsv}\n")
+    status, _, errors = vibraverse("config", "check")
+    assert (status, errors) == (
+        2,
+        "vibraverse: dataset.keep_splits: the file old.tsv does not exist\n",
+    )
+    said = []
+    for part in ("1/2", "2/2"):
+        path.write_text(f"slice: {part}\nsources: {{generated: {{count: 0}}, bundled: [nut]}}\n")
+        said.append(vibraverse("config", "check")[1].partition("names ")[2])
+    assert sorted(said) in (
+        ["0 objects in slice 1/2.\n", "1 object in slice 2/2.\n"],
+        ["0 objects in slice 2/2.\n", "1 object in slice 1/2.\n"],
+    )
+    assert sorted(tmp_path.iterdir()) == [path]
+
+
 def test_the_schema_accepts_what_the_sections_accept(vibraverse):
     status, out, _ = vibraverse("config", "schema")
     assert status == 0

@@ -32,10 +32,9 @@ class Plan:
 
     def __init__(self, values: dict | Config):
         self.config = values if isinstance(values, Config) else parse(values)
-        kept = self.config.dataset.keep_splits
-        if kept and not Path(kept).expanduser().is_file():
-            raise ConfigError(f"dataset.keep_splits: the file {kept} does not exist")
         self.paths = Paths(self.config.results)
+        if self.config.dataset.keep_splits:
+            self._check_kept(self.config.dataset.keep_splits)
         self.joins = self.config.slice == JOIN
         sliced = self.config.slice is not None and not self.joins
         shards = self.config.dataset.shards
@@ -48,6 +47,15 @@ class Plan:
             if mine is None or shard in mine:
                 self.objects[object_] = entry
                 self.shards.setdefault(shard, []).append(object_)
+
+    def _check_kept(self, named: str) -> None:
+        kept = Path(named).expanduser()
+        if not kept.is_file():
+            raise ConfigError(f"dataset.keep_splits: the file {named} does not exist")
+        if kept.resolve() == Path(self.paths.splits).resolve():
+            raise ConfigError(
+                f"dataset.keep_splits: {named} is the table that this run itself writes; copy it and name the copy"
+            )
 
     def shard_of(self, object_: str) -> str:
         """Return the shard an object belongs to, by a stable hash of its id."""
