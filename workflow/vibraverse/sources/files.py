@@ -30,6 +30,9 @@ FORMATS = {
     ".3mf": "3mf",
 }
 
+#: Formats whose files say how large a thing is.
+SIZED = {"glb", "gltf", "3mf"}
+
 _MAX_ID = 80
 _LETTERS = str.maketrans(
     {"ß": "ss", "æ": "ae", "ø": "o", "œ": "oe", "đ": "d", "ð": "d", "þ": "th", "ł": "l", "ı": "i"}
@@ -123,7 +126,7 @@ def as_one_file(path: Path, target: Path) -> tuple[str, float | None]:
             from vibraverse.sources.threemf import unit_m
 
             return format, unit_m(file)
-    return format, 1.0 if format in ("glb", "gltf") else None
+    return format, 1.0 if format in SIZED else None
 
 
 def is_mesh(name: str) -> bool:
