@@ -94,6 +94,38 @@ def test_removes_sounds_no_longer_asked_for(vibraverse, modes):
     assert sorted(path.name for path in sounds[0].parent.iterdir()) == ["audio.json", "ceramic.wav"]
 
 
+def test_removes_only_what_it_made(vibraverse, modes):
+    _, _, (ceramic, rubber) = render(vibraverse, modes, FREQUENCIES)
+    (rubber.parent / "song.wav").write_text("mine")
+    assert render(vibraverse, modes, ["ceramik"])[0] == 2  # a mistake removes nothing
+    assert rubber.is_file()
+    rubber.write_text("louder, by hand")
+    assert render(vibraverse, modes, ["ceramic"])[0] == 0
+    assert sorted(path.name for path in ceramic.parent.glob("*.wav")) == [
+        "ceramic.wav", "rubber-p1.wav", "song.wav",
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("record", ["", "[]", '{"provenance": {"output_sha256": {"sounds": []}}}'])
+def test_a_record_of_something_else_removes_nothing(vibraverse, modes, record):
+    (modes.parent / "sounds").mkdir()
+    (modes.parent / "sounds/song.wav").write_text("mine")
+    (modes.parent / "sounds/audio.json").write_text(record)
+    assert render(vibraverse, modes, ["ceramic"])[0] == 0
+    assert (modes.parent / "sounds/song.wav").read_text() == "mine"
+
+
+def test_sounds_are_wav_files(vibraverse, modes):
+    (modes.parent / "song.wav").write_text("mine")
+    status, _, errors = vibraverse(
+        "audio", "--object", "x", "--solidity", "solid", "--modes", modes,
+        "--sounds", modes.parent / "ceramic", "--record", modes.parent / "audio.json",
+    )  # fmt: skip
+    assert status == 2
+    assert errors.endswith("vibraverse: sounds: 'ceramic' is not NAME.wav\n")
+    assert sorted(path.name for path in modes.parent.iterdir()) == ["modes.h5", "song.wav"]
+
+
 @pytest.mark.parametrize(
     ("name", "words"), [("ceramik", "did you mean 'ceramic'"), ("ceramic-p3", "point 3 of 0")]
 )

@@ -24,10 +24,24 @@ def test_an_empty_configuration_is_the_default_run():
     assert parse(None) == config
 
 
+def test_braces_are_the_shortest_file(tmp_path):
+    (tmp_path / "config.yaml").write_text("{}\n")
+    assert load(tmp_path / "config.yaml") == parse({})
+
+
 def test_materials_of_the_table_and_your_own():
     config = parse({"materials": {"tin": None, "jelly": OWN}})
     assert config.materials["tin"].density_kg_m3 == 7265
     assert config.materials["jelly"].young_pa == 1e9
+
+
+def test_every_product_has_a_name_of_its_own():
+    materials = {"steel": None, "steel-p1": OWN}
+    for points in ([], [[0, 0, 1]]):
+        names = parse({"materials": materials, "audio": {"points": points}}).audio.names(materials)
+        assert len(set(names)) == len(names) == 2 + 2 * len(points)
+    images = parse({"images": {"looks": ["clay", "steel", "clay"], "views": 1}}).images
+    assert images.names() == ["clay-00", "steel-00"]
 
 
 def test_numbers_that_yaml_takes_for_text(tmp_path):
@@ -90,6 +104,10 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             {"sampled": {"count": 2}, "audio": {"sampled": 3}},
             "audio.sampled must be at most sampled.count, 2, not 3",
         ),
+        (
+            {"materials": {"steel": None, "steel-p0": OWN}, "audio": {"points": [[0, 0, 1]]}},
+            "materials: the sound of 'steel-p0' has the name of that of 'steel' struck at a point of audio.points,",
+        ),
         ({"materials": {}}, "materials must hold 1 or more, not nothing"),
         (
             {"materials": {"a b": OWN}},
@@ -144,6 +162,8 @@ def test_a_stage_s_options_are_named_with_the_stage():
     [
         ("a: [1, 2\nb: 3", "line 2, column 2: not valid YAML"),
         ("- just\n- a list", 'must hold keys and values, not ["just", "a list"]'),
+        ("", "holds no keys; write {} for a run with every default"),
+        ("# materials:\n", "config.yaml holds no keys; write {} for"),
         ("text alone", 'must hold keys and values, not "text alone"'),
         ("dataset:\n  shardz: 1\n", "config.yaml: unknown key 'dataset.shardz'"),
         (b"\xff\xfe\x00", "is not valid YAML"),
@@ -179,6 +199,12 @@ def test_check_and_show(tmp_path, vibraverse):
     assert parse(shown) == load(path)
 
 
+def test_a_tilde_is_the_home_folder(monkeypatch):
+    monkeypatch.setenv("HOME", "/home/ada")
+    assert parse({"results": "~/out"}).results == "/home/ada/out"
+    assert parse({"results": "out~/~"}).results == "out~/~"
+
+
 def test_check_looks_for_the_files(tmp_path, vibraverse):
     path = tmp_path / "config.yaml"
     path.write_text(
@@ -187,6 +213,26 @@ def test_check_looks_for_the_files(tmp_path, vibraverse):
     status, out, err = vibraverse("config", "check", path)
     assert (status, out) == (2, "")
     assert "sources.files[0].path: there is no file or folder" in err
+
+
+def test_check_says_what_a_run_would(tmp_path, vibraverse, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "config.yaml"
+    path.write_text("dataset: {keep_splits: old.tsv}\n")
+    status, _, errors = vibraverse("config", "check")
+    assert (status, errors) == (
+        2,
+        "vibraverse: dataset.keep_splits: the file old.tsv does not exist\n",
+    )
+    said = []
+    for part in ("1/2", "2/2"):
+        path.write_text(f"slice: {part}\nsources: {{generated: {{count: 0}}, bundled: [nut]}}\n")
+        said.append(vibraverse("config", "check")[1].partition("names ")[2])
+    assert sorted(said) in (
+        ["0 objects in slice 1/2.\n", "1 object in slice 2/2.\n"],
+        ["0 objects in slice 2/2.\n", "1 object in slice 1/2.\n"],
+    )
+    assert sorted(tmp_path.iterdir()) == [path]
 
 
 def test_the_schema_accepts_what_the_sections_accept(vibraverse):

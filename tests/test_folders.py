@@ -70,6 +70,17 @@ def test_links_that_go_round_in_circles(tmp_path):
     assert set(find(str(tmp_path / "in" / "**" / "*.obj"))) == {"a"}
 
 
+def test_a_link_to_a_hidden_folder_shows_it(tmp_path):
+    make(tmp_path, ".v/3/a.obj", "shown/b.obj")
+    (tmp_path / "current").symlink_to(".v/3")
+    (tmp_path / "again").symlink_to("shown")
+    assert set(find(str(tmp_path))) == {"current-a", "shown-b"}
+    (tmp_path / ".v/3/up").symlink_to(tmp_path)
+    assert set(find(str(tmp_path))) == {"current-a", "shown-b"}
+    # What lies above the folder named is not part of the tree.
+    assert set(find(str(tmp_path / ".v"))) == {"3-a", "3-up-again-b"}
+
+
 def test_glob_and_file(tmp_path):
     make(tmp_path, "a/x.obj", "a/y.ply", "b/x.obj", "cup[1].obj")
     assert set(find(f"{tmp_path}/*/x.*")) == {"a-x", "b-x"}
@@ -83,6 +94,7 @@ def test_nothing_to_read_is_one_sentence(tmp_path):
         (tmp_path / "gone", "there is no file or folder"),
         (tmp_path / "docs", "holds no mesh files"),
         (tmp_path / "*.obj", "no mesh file matches"),
+        (tmp_path / "**.obj", r"is not a valid glob: '\*\*' means any folders"),
         (tmp_path / "model.step", "neither a mesh in a known format"),
     ):
         with pytest.raises(NoMeshes, match=said):

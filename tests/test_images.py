@@ -170,9 +170,21 @@ def test_stage_writes_the_same_bytes_twice(vibraverse, surface):
 
 
 def test_removes_views_no_longer_asked_for(vibraverse, surface):
-    render(vibraverse, surface, ["clay-00", "clay-01"])
+    _, _, paths = render(vibraverse, surface, ["clay-00", "clay-01"])
+    (paths[0].parent / "photo.png").write_text("mine")
     _, _, paths = render(vibraverse, surface, ["tin-01"])
-    assert sorted(path.name for path in paths[0].parent.iterdir()) == ["images.json", "tin-01.png"]
+    assert sorted(path.name for path in paths[0].parent.iterdir()) == [
+        "images.json", "photo.png", "tin-01.png",
+    ]  # fmt: skip
+
+
+def test_views_are_png_files(vibraverse, surface):
+    status, _, errors = vibraverse(
+        "images", "--object", "x", "--surface", surface, "--views", surface.parent / "clay-00.jpg",
+        "--record", surface.parent / "images.json", "--options", '{"views": 2}',
+    )  # fmt: skip
+    assert status == 2
+    assert "views: 'clay-00.jpg' is not LOOK-VIEW.png with VIEW below 2" in errors
 
 
 @pytest.mark.parametrize("name", ["clay-02", "clay", "clay-one"])

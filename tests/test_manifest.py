@@ -117,7 +117,12 @@ def test_an_unknown_category_is_one_sentence_where_the_known_ones_are_listed(fol
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("", "line 1: the column path is missing"),
+        (
+            "",
+            "is empty: its first line must name the column path, and may name id, size_m, category, licence;",
+        ),
+        ("\n , \n", "is empty"),
+        ("id,size_m\n", "line 1: the column path is missing (known columns: path, id,"),
         ("path\n", "lists no meshes"),
         ("file,path\n", "line 1, column 1: unknown column 'file'"),
         ("path,license\n", "line 1, column 2: unknown column 'license'; did you mean 'licence'?"),

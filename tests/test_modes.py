@@ -15,6 +15,7 @@ from vibraverse.physics.basis import build_basis
 from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.materials import MATERIALS, sampled
 from vibraverse.physics.modes import solve_material
+from vibraverse.plan import Plan
 from vibraverse.refusal import Refusal, read_refusal
 from vibraverse.seeds import rng
 from vibraverse.stages.modes import object_size
@@ -124,6 +125,21 @@ def test_a_material_out_of_range_is_solved_on_the_mesh(chain):
         # The corrections belong to other ν there, so only what the mesh itself says can be compared closely.
         assert (found["frequencies_hz"][()] < expected).all()
         assert found["frequencies_hz"][()] == pytest.approx(expected, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("values", "expected"),
+    [
+        ({}, "light"),
+        ({"basis": {"max_error": 1e-4}}, "light"),
+        ({"basis": {"max_error": 2e-4}}, "solver"),
+        ({"modes": {"tolerance": 1e-6}}, "solver"),
+        ({"basis": {"poisson_range": [0.2, 0.4]}}, "solver"),  # ceramic has 0.19
+    ],
+)
+def test_memory_suffices_for_a_solve_on_the_mesh(values, expected):
+    sources = {"generated": {"count": 1}, "bundled": []}
+    assert Plan({"sources": sources, **values}).modes_class() == expected
 
 
 def test_sampled_materials_stay_when_more_are_drawn():

@@ -173,6 +173,22 @@ def test_objects_command(tmp_path, vibraverse):
     assert "did you mean 'nut'" in said
 
 
+def test_objects_without_a_size_have_the_default(tmp_path, vibraverse):
+    make(tmp_path, "a.obj", "b.STL", "c.ply", "d.off", "e.GLB", "f.gltf", "g.3mf")
+    config = tmp_path / "config.yaml"
+    config.write_text(
+        f"sources: {{default_size_m: 0.2, generated: {{count: 0}}, bundled: [], files: [{{path: {tmp_path}}}], "
+        "objaverse: {uids: [abc]}}\n"
+    )
+    lines = vibraverse("objects", "--config", config)[1].splitlines()[1:]
+    assert [" ".join(line.split()[2:6]) for line in lines[:4]] == [
+        f"0.2 m (default) {tmp_path}/{name}" for name in ("a.obj", "b.STL", "c.ply", "d.off")
+    ]
+    assert [" ".join(line.split()[2:6]) for line in lines[4:7]] == ["as in the file"] * 3
+    # Uploads to Objaverse come in any scale, whatever the format says.
+    assert " ".join(lines[7].split()) == "objaverse-abc objaverse 0.2 m (default)"
+
+
 def test_a_pipe_is_not_waited_for(tmp_path, vibraverse):
     os.mkfifo(tmp_path / "pipe.stl")
     status, _, said = run_stage(

@@ -103,6 +103,16 @@ def test_a_missing_table_of_kept_splits_is_one_sentence(tmp_path):
     assert kept_splits(plan) == [str(tmp_path / "splits.tsv")]
 
 
+def test_a_run_does_not_keep_the_table_it_writes(tmp_path):
+    (tmp_path / "run/dataset").mkdir(parents=True)
+    (tmp_path / "run/dataset/splits.tsv").write_text("object\tsplit\tcopy_of\n")
+    (tmp_path / "link").symlink_to("run")
+    kept = {"keep_splits": f"{tmp_path}/link/dataset/splits.tsv"}
+    with pytest.raises(ConfigError, match=r"this run itself writes; copy it and name the copy$"):
+        Plan({"results": f"{tmp_path}/run", "dataset": kept})
+    Plan({"results": f"{tmp_path}/next", "dataset": kept})
+
+
 def test_numbers_in_ids_are_numbers():
     ids = ["bowl-10", "bowl-9", "9", "bowl", "a1b2", "a1b10"]
     assert sorted(ids, key=natural) == ["9", "a1b2", "a1b10", "bowl", "bowl-9", "bowl-10"]

@@ -32,10 +32,9 @@ class Plan:
 
     def __init__(self, values: dict | Config):
         self.config = values if isinstance(values, Config) else parse(values)
-        kept = self.config.dataset.keep_splits
-        if kept and not Path(kept).expanduser().is_file():
-            raise ConfigError(f"dataset.keep_splits: the file {kept} does not exist")
         self.paths = Paths(self.config.results)
+        if self.config.dataset.keep_splits:
+            self._check_kept(self.config.dataset.keep_splits)
         self.joins = self.config.slice == JOIN
         sliced = self.config.slice is not None and not self.joins
         shards = self.config.dataset.shards
@@ -48,6 +47,15 @@ class Plan:
             if mine is None or shard in mine:
                 self.objects[object_] = entry
                 self.shards.setdefault(shard, []).append(object_)
+
+    def _check_kept(self, named: str) -> None:
+        kept = Path(named).expanduser()
+        if not kept.is_file():
+            raise ConfigError(f"dataset.keep_splits: the file {named} does not exist")
+        if kept.resolve() == Path(self.paths.splits).resolve():
+            raise ConfigError(
+                f"dataset.keep_splits: {named} is the table that this run itself writes; copy it and name the copy"
+            )
 
     def shard_of(self, object_: str) -> str:
         """Return the shard an object belongs to, by a stable hash of its id."""
@@ -94,7 +102,8 @@ class Plan:
         return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
     def modes_class(self) -> str:
-        """Return the resource class of stage ``modes``: heavy where a material must be solved on the mesh."""
-        low, high = self.config.basis.poisson_range
+        """Return the resource class of stage ``modes``: heavy where a material may have to be solved on the mesh."""
+        basis = self.config.basis
+        low, high = basis.poisson_range
         inside = all(low <= material.poisson <= high for material in self.config.materials.values())
-        return "light" if inside else "solver"
+        return "light" if inside and basis.max_error <= self.config.modes.tolerance else "solver"

@@ -62,15 +62,6 @@ def remove_partials(path: Path) -> None:
         stale.unlink(missing_ok=True)
 
 
-def remove_others(kept: list[Path]) -> None:
-    """Remove what an earlier configuration left beside ``kept``: files of the same kind that are not kept."""
-    names = {path.name for path in kept}
-    for folder, suffix in {(path.parent, path.suffix) for path in kept}:
-        for other in folder.glob(f"*{suffix}"):
-            if other.name not in names and not other.name.startswith("."):
-                other.unlink(missing_ok=True)
-
-
 def publish(partial: Path, final: Path) -> None:
     """Flush ``partial`` to disk and rename it to ``final`` in one step."""
     with open(partial, "rb+") as file:

@@ -173,8 +173,11 @@ def _make(job: Job) -> bool:
     }
     try:
         job.stage.run(job)
+        left = _left_over(job)
         for partial, final in zip(_flat(job.outputs), _flat(job.final), strict=True):
             products.publish(partial, final)
+        for path in left:
+            path.unlink(missing_ok=True)
     except Refused as refused:
         _write_refusal(
             job,
@@ -187,6 +190,34 @@ def _make(job: Job) -> bool:
         for partial in _flat(job.outputs):
             partial.unlink(missing_ok=True)
     return False
+
+
+def _left_over(job: Job) -> list[Path]:
+    """Return what the record that lies there says was made beside it, and is not made now.
+
+    A file counts only while its bytes are those of the record: no other is ours to remove.
+    """
+    several = job.stage.many & job.final.keys()
+    if not several:
+        return []
+    record = job.final["record"]
+    try:
+        before = products.read_provenance(record)["output_sha256"]
+        listed = {record.parent / name: sha256 for key in several for name, sha256 in before[key].items()}
+    except (
+        OSError,
+        ValueError,
+        LookupError,
+        TypeError,
+        AttributeError,
+    ):  # no record, a refusal, or anything else
+        return []
+    made = {path.absolute() for path in _flat(job.final)}
+    return [
+        path
+        for path, sha256 in listed.items()
+        if path.absolute() not in made and path.is_file() and products.sha256(path) == sha256
+    ]
 
 
 def _not_stored(job: Job, error: Exception) -> str:

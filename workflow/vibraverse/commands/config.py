@@ -8,7 +8,7 @@ from vibraverse.cli import UsageError
 from vibraverse.commands import counted
 from vibraverse.config import ConfigError, load, schema_text
 from vibraverse.config.reference import markdown
-from vibraverse.sources.catalogue import catalogue
+from vibraverse.plan import Plan
 
 
 def main(argv: list[str]) -> int:
@@ -38,8 +38,10 @@ def main(argv: list[str]) -> int:
 
 
 def _checked(path: str) -> str:
-    """Return that the configuration is valid; looks for its files, not into them."""
-    return f"{path} is valid and names {counted(len(catalogue(load(path))), 'object')}."
+    """Return that a run would start with the configuration; looks for its files, not into them."""
+    plan = Plan(load(path))
+    part = "" if plan.owned is None else f" in slice {plan.config.slice}"
+    return f"{path} is valid and names {counted(len(plan.objects), 'object')}{part}."
 
 
 def _resolved(path: str) -> str:

@@ -10,6 +10,7 @@ from vibraverse.config import ConfigError
 from vibraverse.sources.bundled import BUNDLED
 from vibraverse.sources.catalogue import Entry, catalogue
 from vibraverse.sources.families import FAMILIES, drawn
+from vibraverse.sources.files import FORMATS, SIZED
 
 
 def main(argv: list[str]) -> int:
@@ -25,26 +26,33 @@ def main(argv: list[str]) -> int:
         _print_table([(name, family.category, family.description) for name, family in FAMILIES.items()])
         return 0
     try:
-        entries = catalogue(run_config(chosen))
+        config = run_config(chosen)
+        entries = catalogue(config)
     except ConfigError as error:
         raise UsageError(str(error)) from None
     if not entries:
         print("The configuration names no objects.")
         return 0
     rows = [("object", "origin", "longest side", "from")]
-    rows += [(entry.object, entry.origin, _size(entry), str(entry.input or "")) for entry in entries.values()]
+    for entry in entries.values():
+        size = _size(entry, config.sources.default_size_m)
+        rows.append((entry.object, entry.origin, size, str(entry.input or "")))
     _print_table(rows)
     return 0
 
 
-def _size(entry: Entry) -> str:
-    """Return the longest side as the configuration, the family or the bundle states it."""
+def _size(entry: Entry, default_m: float) -> str:
+    """Return the longest side as the configuration, the family, the bundle or the file states it, else the default."""
     size_m = entry.size_m
     if size_m is None and entry.origin == "generated":
         size_m = drawn(entry.object).size_m
     if size_m is None and entry.origin == "bundled":
         size_m = BUNDLED[entry.object].size_m
-    return "as in the file" if size_m is None else f"{size_m:.4g} m"
+    if size_m is not None:
+        return f"{size_m:.4g} m"
+    if entry.input and FORMATS[entry.input.suffix.lower()] in SIZED:
+        return "as in the file"
+    return f"{default_m:.4g} m (default)"
 
 
 def _print_table(rows: list[tuple[str, ...]]) -> None:

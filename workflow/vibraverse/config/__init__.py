@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import os
 from pathlib import Path
 
 from pydantic import BaseModel, Field, ValidationError, field_validator, model_validator
@@ -79,6 +80,11 @@ class Config(Section):
     report: Report = Report()
     """The page people open."""
 
+    @field_validator("results")
+    @classmethod
+    def _at_home(cls, path):
+        return os.path.expanduser(path)
+
     @field_validator("slice")
     @classmethod
     def _known_slice(cls, text):
@@ -117,6 +123,17 @@ class Config(Section):
             if name not in ("solid", "hollow"):
                 raise ValueError(unknown("solidity", name, ("solid", "hollow")))
         return list(dict.fromkeys(solidities))
+
+    @model_validator(mode="after")
+    def _sounds_differ(self):
+        for material in self.materials:
+            struck = self.audio.names([material])[1:]
+            for name in filter(self.materials.__contains__, struck):
+                raise ValueError(
+                    f"materials: the sound of {name!r} has the name of that of {material!r} struck at a point of "
+                    f"audio.points, {name}.wav; rename one of them"
+                )
+        return self
 
     @model_validator(mode="after")
     def _known_looks(self):
@@ -180,7 +197,9 @@ def load(path: str | Path) -> Config:
         raise ConfigError(f"{path}{place}: not valid YAML, {error.problem or error.context}") from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
         raise ConfigError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from None
-    if values is not None and not isinstance(values, dict):
+    if values is None:  # Snakemake takes no such file either
+        raise ConfigError(f"{path} holds no keys; write {{}} for a run with every default")
+    if not isinstance(values, dict):
         raise ConfigError(f"{path} must hold keys and values, not {_shown(values)}")
     try:
         return parse(values)

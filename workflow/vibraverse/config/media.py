@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, NonNegativeInt, PositiveFloat
+from pydantic import Field, NonNegativeInt, PositiveFloat, field_validator
 
 from vibraverse.config.base import Section
 from vibraverse.physics.materials import sampled_name
@@ -54,10 +54,15 @@ class Images(Section):
     """Views per look, spread evenly around the object."""
 
     looks: list[str] = Field(default_factory=lambda: ["clay", "ceramic", "glass", "wood", "steel"])
-    """Looks to render: ``clay`` is neutral, the others are named like the materials."""
+    """Looks to render: ``clay`` is neutral, the others are named like the materials. Each counts once."""
 
     size_px: int = Field(256, ge=32, le=4096)
     """Width and height in pixels."""
+
+    @field_validator("looks")
+    @classmethod
+    def _each_once(cls, looks: list[str]) -> list[str]:
+        return list(dict.fromkeys(looks))
 
     def names(self) -> list[str]:
         """Return the pictures of an object, by the stems of their files: ``clay-00``, ``clay-01``, …"""

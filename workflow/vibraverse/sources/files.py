@@ -30,6 +30,9 @@ FORMATS = {
     ".3mf": "3mf",
 }
 
+#: Formats whose files say how large a thing is.
+SIZED = {"glb", "gltf", "3mf"}
+
 _MAX_ID = 80
 _LETTERS = str.maketrans(
     {"ß": "ss", "æ": "ae", "ø": "o", "œ": "oe", "đ": "d", "ð": "d", "þ": "th", "ł": "l", "ı": "i"}
@@ -123,7 +126,7 @@ def as_one_file(path: Path, target: Path) -> tuple[str, float | None]:
             from vibraverse.sources.threemf import unit_m
 
             return format, unit_m(file)
-    return format, 1.0 if format in ("glb", "gltf") else None
+    return format, 1.0 if format in SIZED else None
 
 
 def is_mesh(name: str) -> bool:
@@ -200,9 +203,10 @@ def _walk(root: Path):
                 continue
             if is_folder:
                 real = os.path.realpath(entry.path)
-                # A link to a folder inside the tree adds nothing: that folder is met under its own name.
-                inside = entry.is_symlink() and os.path.commonpath([real, top]) == top
-                if real not in seen and not inside:
+                # A link to a folder inside the tree adds nothing: that folder is met under its own name, if not hidden.
+                inside = os.path.commonpath([real, top]) == top
+                met = entry.is_symlink() and inside and not _is_hidden(os.path.relpath(real, top))
+                if real not in seen and not met:
                     seen.add(real)
                     pending.append(Path(entry.path))
             elif is_file and is_mesh(entry.name):
@@ -211,10 +215,22 @@ def _walk(root: Path):
 
 def _matching(base: Path, pattern: Path) -> list[Path]:
     """Return the mesh files below ``base`` that a glob matches; ``**`` does not follow links."""
-    found = base.glob(str(pattern.relative_to(base)))
-    files = [path for path in found if is_mesh(path.name) and path.is_file()]
-    hidden = [any(part.startswith(".") for part in path.relative_to(base).parts) for path in files]
-    return [path for path, skip in zip(files, hidden, strict=True) if not skip]
+    try:
+        found = list(base.glob(str(pattern.relative_to(base))))
+    except ValueError:
+        raise NoMeshes(
+            f"{pattern} is not a valid glob: '**' means any folders and stands alone between slashes, as in **/*.obj"
+        ) from None
+    return [
+        path
+        for path in found
+        if is_mesh(path.name) and not _is_hidden(path.relative_to(base)) and path.is_file()
+    ]
+
+
+def _is_hidden(relative: str | Path) -> bool:
+    """Return whether a file or folder, or one above it, is hidden; a walk meets none of these."""
+    return any(part.startswith(".") for part in Path(relative).parts)
 
 
 def _fixed_part(pattern: Path) -> Path:

@@ -118,6 +118,12 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
 
     rows = lines()
     _, header = next(rows, (0, []))
+    if not header:
+        path, *others = COLUMNS
+        raise NoMeshes(
+            f"the manifest {manifest} is empty: its first line must name the column {path}, and may name "
+            f"{', '.join(others)}; every further line is a mesh"
+        )
     return [cell.strip() for cell in header], rows
 
 

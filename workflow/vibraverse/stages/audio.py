@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from vibraverse import products
 from vibraverse.config.media import Audio, split_sound
 from vibraverse.stage import Job, Stage
 
@@ -18,6 +17,9 @@ def run(job: Job) -> None:
     from vibraverse.physics.impulse import contact, impact_sound
     from vibraverse.physics.materials import sampled_name
 
+    for path in job.final["sounds"]:
+        if path.suffix != ".wav":
+            raise UsageError(f"sounds: {path.name!r} is not NAME.wav")
     options = job.options
     names = [path.stem for path in job.final["sounds"]]
     record = {}
@@ -60,7 +62,6 @@ def run(job: Job) -> None:
             }
             if not sound.modes_rendered:
                 print(f"{name} is silent: no mode rings below {sound.sample_rate_hz / 2:g} Hz.")
-    products.remove_others(job.final["sounds"])
     job.write_record(
         {
             "object": job.object,

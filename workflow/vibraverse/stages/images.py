@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from vibraverse import products
 from vibraverse.config.media import Images
 from vibraverse.stage import Job, Stage
 
@@ -23,7 +22,7 @@ def run(job: Job) -> None:
     wanted = {}
     for final, path in zip(job.final["views"], job.outputs["views"], strict=True):
         look, _, view = final.stem.rpartition("-")
-        if not look or not view.isdigit() or int(view) >= options.views:
+        if final.suffix != ".png" or not look or not view.isdigit() or int(view) >= options.views:
             raise UsageError(f"views: {final.name!r} is not LOOK-VIEW.png with VIEW below {options.views}")
         wanted[path] = (look, int(view))
     looks = list(dict.fromkeys(look for look, _ in wanted.values()))
@@ -35,7 +34,6 @@ def run(job: Job) -> None:
     )
     for path, (look, view) in wanted.items():
         path.write_bytes(images.png_bytes(rendering.pictures[look][view]))
-    products.remove_others(job.final["views"])
     job.write_record(
         {
             "object": job.object,
