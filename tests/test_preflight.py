@@ -203,8 +203,23 @@ def test_a_slurm_that_does_not_answer(bin_, monkeypatch):
 def test_jobs_of_an_earlier_run_are_waited_for(cluster, tmp_path):
     stub(cluster, "squeue", f"echo '17|{tmp_path}'; echo '18|/elsewhere'")
     sentence = said(preflight.slurm, [], tmp_path)
-    assert "1 Slurm jobs of an earlier run" in sentence
+    assert f"an earlier run still has 1 Slurm job in {tmp_path};" in sentence
     assert "`scancel 17`" in sentence
+
+
+@pytest.mark.parametrize("variable", ["SLURM_JOB_ID", "SLURM_ARRAY_JOB_ID"])
+def test_the_job_that_a_run_is_part_of_is_no_earlier_one(cluster, tmp_path, monkeypatch, variable):
+    """In a process of its own, which forgets the variable as Snakemake's Slurm plugin makes it."""
+    stub(cluster, "squeue", f"for job in 17 17_1 '17_[2-9]' 170 171; do echo \"$job|{tmp_path}\"; done")
+    monkeypatch.setenv(variable, "17")
+    call = (
+        "import os, sys; from vibraverse import preflight; del os.environ[sys.argv[1]];"
+        "preflight.stop_without(preflight.slurm, [], sys.argv[2])"
+    )
+    done = subprocess.run([sys.executable, "-c", call, variable, tmp_path], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "still has 2 Slurm jobs in" in done.stderr
+    assert "`scancel 170 171`" in done.stderr
 
 
 # Compiled loops

@@ -101,7 +101,7 @@ def test_jobs_of_an_earlier_run_are_waited_for(slurm, vibraverse):
     (slurm / "squeue").write_text(f'#!/bin/sh\necho "7|{slurm.parent}"\n')
     status, _, err = vibraverse("submit", "--slices", 5, "--cores", 1)
     assert status == 2
-    assert "1 Slurm jobs of an earlier run still work in" in err
+    assert "an earlier run still has 1 Slurm job in" in err
 
 
 def test_without_slurm_nothing_is_submitted(folder, monkeypatch, vibraverse):

@@ -101,7 +101,7 @@ def test_a_main_process_that_ends_is_started_again(cluster_run, expected, number
     if number == signal.SIGKILL:
         again = cluster_run(*QUICK, check=False)
         assert again.returncode == 2
-        assert "of an earlier run still work in" in again.stdout + again.stderr
+        assert "an earlier run still has" in again.stdout + again.stderr
     wait_for(lambda: not queue("-t", "PENDING,RUNNING,COMPLETING"))
     cluster_run(*QUICK)
     assert cluster_run.checksums() == expected
@@ -138,7 +138,7 @@ def test_an_array_of_slices_and_its_join_give_the_bytes_of_one_run(slurm, root, 
     again = subprocess.run(
         [vibraverse, "submit", "--slices", "2"], cwd=parts.folder, capture_output=True, text=True
     )
-    assert "of an earlier run still work in" in again.stderr
+    assert "an earlier run still has" in again.stderr
     join = re.search(r"job (\d+) that joins", said.stdout)[1]
     wait_for(
         lambda: call("squeue", "-h", "-j", join, "-t", "all", "-o", "%T").stdout.strip() == "COMPLETED", 1200
