@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -162,6 +163,12 @@ def _checked(chosen: argparse.Namespace):
             f"the profile {chosen.profile} hands jobs to {executor}, but each element of the array runs its slice on "
             "its own node; take workflow/profiles/default or workflow/profiles/apptainer"
         )
+    for argument in chosen.snakemake:
+        if found := re.match(r"--config(files?)?(?==|$)|-C", argument):
+            raise UsageError(
+                f"{found[0]} cannot stand after --, where the slice's own would replace it; write what it sets into "
+                f"{chosen.configfile}, or name another file with --configfile before --"
+            )
     try:
         config = load(chosen.configfile)
         if config.slice is not None:
