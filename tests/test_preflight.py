@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import configparser
+import importlib.util
 import json
 import re
 import subprocess
@@ -150,6 +152,41 @@ def test_an_image_of_another_making_is_told_from_this_one(bin_, tmp_path, label,
     stub(bin_, "apptainer", f"cat {tmp_path}/answer")
     found = containers.differences("fem", image)
     assert found.startswith(sentence) if sentence else found == ""
+
+
+# Building
+
+
+@pytest.fixture(scope="module")
+def build(root):
+    """The module ``containers/build.py``."""
+    spec = importlib.util.spec_from_file_location("build", root / "containers/build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_pips_settings_are_lent_to_a_build_as_pip_takes_them(build, tmp_path, monkeypatch):
+    """Those of the environment win, and several places stay several."""
+    own = tmp_path / "own.conf"
+    own.write_text(
+        "[global]\nindex-url = https://file.example/simple\ntimeout = 50\nextra-index-url =\n"
+        "    https://a.example/simple\n    https://b.example/simple\n"
+    )
+    monkeypatch.setenv("PIP_CONFIG_FILE", str(own))
+    monkeypatch.setenv("PIP_INDEX_URL", "https://environment.example/simple")
+    monkeypatch.setenv("PIP_FIND_LINKS", "/wheels https://wheels.example")
+    monkeypatch.setenv("UV_CACHE_DIR", str(tmp_path / "cache"))
+    assert f"{tmp_path}/pip.conf:/etc/pip.conf" in build.pip_settings(tmp_path)
+    lent = configparser.RawConfigParser()  # what pip reads with; it refuses a key that is there twice
+    lent.read(tmp_path / "pip.conf")
+    expected = {
+        "index-url": "https://environment.example/simple",
+        "extra-index-url": "https://a.example/simple https://b.example/simple",
+        "find-links": "https://wheels.example",
+        "timeout": "50",
+    }
+    assert expected.items() <= dict(lent["global"]).items()
 
 
 # The sentences before a run
