@@ -23,6 +23,7 @@ import time
 from pathlib import Path
 
 from vibraverse import containers
+from vibraverse.config import unknown
 
 #: Packs three times as fast as the default and unpacks faster; every kernel since 4.14 reads it.
 _PACKING = ["--mksquashfs-args", "-comp zstd -Xcompression-level 6"]
@@ -151,6 +152,9 @@ def report(name: str, image: Path, started: float) -> None:
 
 def main(families: list[str], base: str) -> None:
     """Build what is out of date, in order."""
+    for family in families:
+        if family not in containers.FAMILIES:
+            raise Failed(unknown("family", family, containers.FAMILIES))
     if "://" in containers.folder():
         raise Failed(
             f"VIBRAVERSE_IMAGES is {containers.folder()}: images are built into a folder, then pushed there."

@@ -142,14 +142,18 @@ def test_an_image_holds_code_and_one_lock():
         ("contents", "", "is not an image of this project"),
     ],
 )
-def test_an_image_of_another_making_is_told_from_this_one(bin_, tmp_path, label, value, sentence):
+@pytest.mark.parametrize("command", ["apptainer", "singularity"])
+def test_an_image_of_another_making_is_told_from_this_one(
+    bin_, tmp_path, monkeypatch, command, label, value, sentence
+):
     image = tmp_path / "fem.sif"
     image.touch()
     there = containers.labels("fem")
     if label:
         there[f"vibraverse.{label}"] = value
     (tmp_path / "answer").write_text(json.dumps({"data": {"attributes": {"labels": there}}}))
-    stub(bin_, "apptainer", f"cat {tmp_path}/answer")
+    monkeypatch.setenv("PATH", str(bin_))  # the system's own is not asked
+    stub(bin_, command, f"/bin/cat {tmp_path}/answer")
     found = containers.differences("fem", image)
     assert found.startswith(sentence) if sentence else found == ""
 
@@ -187,6 +191,13 @@ def test_pips_settings_are_lent_to_a_build_as_pip_takes_them(build, tmp_path, mo
         "timeout": "50",
     }
     assert expected.items() <= dict(lent["global"]).items()
+
+
+def test_a_family_that_is_none_is_named(root):
+    command = [sys.executable, str(root / "containers/build.py"), "fem", "geom"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.startswith("unknown family 'geom'; did you mean 'geometry'? (known: ")
 
 
 # The sentences before a run

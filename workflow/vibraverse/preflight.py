@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import re
-import shutil
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
@@ -45,7 +44,7 @@ def configuration(path: str, text: str) -> None:
 
 def apptainer() -> None:
     """Check that images can be run, and named."""
-    if not any(map(shutil.which, ("apptainer", "singularity"))):
+    if containers.binary() is None:
         raise NotThere(
             "the profile asks for containers, but there is no command apptainer on the PATH; install Apptainer "
             "(or load its module), or run without containers: --workflow-profile workflow/profiles/default"
