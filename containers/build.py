@@ -11,8 +11,10 @@ told to look. Both keep what they fetched, so a second image fetches little.
 from __future__ import annotations
 
 import argparse
+import ast
 import hashlib
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -21,11 +23,12 @@ import time
 from pathlib import Path
 
 from vibraverse import containers
+from vibraverse.config import unknown
 
 #: Packs three times as fast as the default and unpacks faster; every kernel since 4.14 reads it.
 _PACKING = ["--mksquashfs-args", "-comp zstd -Xcompression-level 6"]
 _BASE_PARTS = ("containers/base.def", "envs/system.sh", "envs/system.txt")
-_PIP_KEYS = ("index-url", "extra-index-url", "trusted-host", "proxy", "timeout")
+_PIP_KEYS = ("index-url", "extra-index-url", "find-links", "trusted-host", "proxy", "timeout")
 _CERTIFICATES = "/etc/ssl/certs/ca-certificates.crt"
 
 
@@ -74,17 +77,16 @@ def pip_settings(folder: Path) -> list[str]:
     """Return the binds that let a build use this machine's pip settings, certificates and download cache."""
     command = [sys.executable, "-m", "pip", "config", "list"]
     said = subprocess.run(command, capture_output=True, text=True).stdout
-    lines = ["[global]"]
-    certificates = _CERTIFICATES
-    for line in said.splitlines():
+    found = {}
+    for line in sorted(said.splitlines(), key=lambda line: line.startswith(":env:")):  # the environment wins
         name, _, value = line.partition("=")
-        key, value = name.rpartition(".")[2], value.strip("'\"")
-        if key in _PIP_KEYS:
-            lines.append(f"{key} = {value}")
-        elif key == "cert":
-            certificates = value
+        found[name.rpartition(".")[2]] = ast.literal_eval(value).split()
+    # A folder of this machine is not there in a build.
+    found["find-links"] = [place for place in found.get("find-links", ()) if re.match("https?://", place)]
+    certificates = " ".join(found.get("cert", [_CERTIFICATES]))
+    lines = [f"{key} = {' '.join(found[key])}" for key in _PIP_KEYS if found.get(key)]
     settings = folder / "pip.conf"
-    settings.write_text("\n".join([*lines, f"cert = {_CERTIFICATES}", ""]))
+    settings.write_text("\n".join(["[global]", *lines, f"cert = {_CERTIFICATES}", ""]))
     cache = Path(os.environ.get("UV_CACHE_DIR") or "~/.cache/uv").expanduser()
     cache.mkdir(parents=True, exist_ok=True)
     binds = [f"{settings}:/etc/pip.conf", f"{cache}:/root/.cache/uv"]
@@ -150,6 +152,9 @@ def report(name: str, image: Path, started: float) -> None:
 
 def main(families: list[str], base: str) -> None:
     """Build what is out of date, in order."""
+    for family in families:
+        if family not in containers.FAMILIES:
+            raise Failed(unknown("family", family, containers.FAMILIES))
     if "://" in containers.folder():
         raise Failed(
             f"VIBRAVERSE_IMAGES is {containers.folder()}: images are built into a folder, then pushed there."

@@ -56,14 +56,16 @@ make_venv() {
 
 # uv does not read pip's configuration, so what that says (a mirror, a certificate) is passed on.
 use_pip_settings() {
-    local settings option variable value
+    local settings option variable separator value values
     settings=$("$python" -m pip config list)
-    while read -r option variable; do
+    while read -r option variable separator; do
         value=$(sed -n "s/^[^=]*\.$option='\(.*\)'\$/\1/p" <<<"$settings" | head -n 1)
+        read -ra values <<<"${value//\\n/ }" # pip shows the ends of lines as \n
+        value=$(IFS=${separator:- } && echo "${values[*]}")
         if [ -n "$value" ] && [ -z "${!variable:-}" ]; then export "$variable=$value"; fi
     done <<<"index-url UV_DEFAULT_INDEX
         extra-index-url UV_INDEX
-        find-links UV_FIND_LINKS
+        find-links UV_FIND_LINKS ,
         trusted-host UV_INSECURE_HOST
         cert SSL_CERT_FILE
         proxy ALL_PROXY"

@@ -127,7 +127,7 @@ case "$*" in
 esac
 """
 _UV = """#!/usr/bin/env bash
-echo "uv $* [$UV_DEFAULT_INDEX]" >>"$CALLS"
+echo "uv $* [$UV_DEFAULT_INDEX] [$UV_INDEX] [$UV_FIND_LINKS]" >>"$CALLS"
 if [ -n "${BREAK:-}" ]; then kill -9 $PPID; fi
 exit "${UV_STATUS:-0}"
 """
@@ -263,6 +263,14 @@ def test_an_unsuitable_python_is_named(sandbox):
 def test_what_pip_is_told_reaches_uv(sandbox):
     says = "global.index-url='https://mirror.example/simple'\nglobal.timeout='60'"
     assert "[https://mirror.example/simple]" in sandbox.run(*ENV, PIP_SAYS=says)[2]
+
+
+def test_several_places_reach_uv_as_it_takes_them(sandbox):
+    """pip separates all by blanks or lines, and shows those as Python would; uv wants commas between folders."""
+    says = r"""global.extra-index-url='\nhttps://a.example/simple\nhttps://b.example/simple'
+global.find-links='/wheels /more/wheels'"""
+    calls = sandbox.run(*ENV, PIP_SAYS=says)[2]
+    assert "[] [https://a.example/simple https://b.example/simple] [/wheels,/more/wheels]" in calls
 
 
 NEEDS = """# a comment

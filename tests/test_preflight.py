@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import configparser
+import importlib.util
 import json
 import re
 import subprocess
@@ -140,16 +142,62 @@ def test_an_image_holds_code_and_one_lock():
         ("contents", "", "is not an image of this project"),
     ],
 )
-def test_an_image_of_another_making_is_told_from_this_one(bin_, tmp_path, label, value, sentence):
+@pytest.mark.parametrize("command", ["apptainer", "singularity"])
+def test_an_image_of_another_making_is_told_from_this_one(
+    bin_, tmp_path, monkeypatch, command, label, value, sentence
+):
     image = tmp_path / "fem.sif"
     image.touch()
     there = containers.labels("fem")
     if label:
         there[f"vibraverse.{label}"] = value
     (tmp_path / "answer").write_text(json.dumps({"data": {"attributes": {"labels": there}}}))
-    stub(bin_, "apptainer", f"cat {tmp_path}/answer")
+    monkeypatch.setenv("PATH", str(bin_))  # the system's own is not asked
+    stub(bin_, command, f"/bin/cat {tmp_path}/answer")
     found = containers.differences("fem", image)
     assert found.startswith(sentence) if sentence else found == ""
+
+
+# Building
+
+
+@pytest.fixture(scope="module")
+def build(root):
+    """The module ``containers/build.py``."""
+    spec = importlib.util.spec_from_file_location("build", root / "containers/build.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_pips_settings_are_lent_to_a_build_as_pip_takes_them(build, tmp_path, monkeypatch):
+    """Those of the environment win, and several places stay several."""
+    own = tmp_path / "own.conf"
+    own.write_text(
+        "[global]\nindex-url = https://file.example/simple\ntimeout = 50\nextra-index-url =\n"
+        "    https://a.example/simple\n    https://b.example/simple\n"
+    )
+    monkeypatch.setenv("PIP_CONFIG_FILE", str(own))
+    monkeypatch.setenv("PIP_INDEX_URL", "https://environment.example/simple")
+    monkeypatch.setenv("PIP_FIND_LINKS", "/wheels https://wheels.example")
+    monkeypatch.setenv("UV_CACHE_DIR", str(tmp_path / "cache"))
+    assert f"{tmp_path}/pip.conf:/etc/pip.conf" in build.pip_settings(tmp_path)
+    lent = configparser.RawConfigParser()  # what pip reads with; it refuses a key that is there twice
+    lent.read(tmp_path / "pip.conf")
+    expected = {
+        "index-url": "https://environment.example/simple",
+        "extra-index-url": "https://a.example/simple https://b.example/simple",
+        "find-links": "https://wheels.example",
+        "timeout": "50",
+    }
+    assert expected.items() <= dict(lent["global"]).items()
+
+
+def test_a_family_that_is_none_is_named(root):
+    command = [sys.executable, str(root / "containers/build.py"), "fem", "geom"]
+    done = subprocess.run(command, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.startswith("unknown family 'geom'; did you mean 'geometry'? (known: ")
 
 
 # The sentences before a run
@@ -203,8 +251,23 @@ def test_a_slurm_that_does_not_answer(bin_, monkeypatch):
 def test_jobs_of_an_earlier_run_are_waited_for(cluster, tmp_path):
     stub(cluster, "squeue", f"echo '17|{tmp_path}'; echo '18|/elsewhere'")
     sentence = said(preflight.slurm, [], tmp_path)
-    assert "1 Slurm jobs of an earlier run" in sentence
+    assert f"an earlier run still has 1 Slurm job in {tmp_path};" in sentence
     assert "`scancel 17`" in sentence
+
+
+@pytest.mark.parametrize("variable", ["SLURM_JOB_ID", "SLURM_ARRAY_JOB_ID"])
+def test_the_job_that_a_run_is_part_of_is_no_earlier_one(cluster, tmp_path, monkeypatch, variable):
+    """In a process of its own, which forgets the variable as Snakemake's Slurm plugin makes it."""
+    stub(cluster, "squeue", f"for job in 17 17_1 '17_[2-9]' 170 171; do echo \"$job|{tmp_path}\"; done")
+    monkeypatch.setenv(variable, "17")
+    call = (
+        "import os, sys; from vibraverse import preflight; del os.environ[sys.argv[1]];"
+        "preflight.stop_without(preflight.slurm, [], sys.argv[2])"
+    )
+    done = subprocess.run([sys.executable, "-c", call, variable, tmp_path], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert "still has 2 Slurm jobs in" in done.stderr
+    assert "`scancel 170 171`" in done.stderr
 
 
 # Compiled loops

@@ -108,6 +108,10 @@ def test_what_tets_warn_of_names_the_option(tmp_path, vibraverse):
         (["--modes", "0"], "--modes must be greater than 0, not 0"),
         (["--order", "3"], "--order must be 1 or 2, not 3"),
         (["--at", "1,2"], "--at takes three numbers"),
+        (["--at", "nan,0,0"], "--at takes three numbers such as 0.1,0,0.25, not 'nan,0,0'"),
+        (["--at", "0,-inf,0"], "--at takes three numbers"),
+        (["-o", "."], ". is a folder; name a file in it"),
+        (["--json", ".."], ".. is a folder; name a file in it"),
         (["-o", "no/such/folder/a.wav"], "the folder of no/such/folder/a.wav does not exist"),
     ],
 )

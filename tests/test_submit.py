@@ -7,7 +7,7 @@ import subprocess
 
 import pytest
 
-SINFO = "#!/bin/sh\necho 'cpu*|24000|(null)'\necho 'gpu|48000|gpu:2'\n"
+SINFO = "#!/bin/sh\necho 'cpu*|24000|(null)'\necho 'gpu|48000|gpu:2'\necho 'old|4000|(null)'\n"
 
 
 @pytest.fixture
@@ -25,9 +25,11 @@ def slurm(folder, monkeypatch):
     commands.mkdir()
     sbatch = (
         f"#!/bin/sh\nn=$(ls {folder}/bin | grep -c job)\ncat > {folder}/bin/job$n\n"
-        f'echo "$@" > {folder}/bin/arguments$n\necho $((101 + n))\n'
+        f'echo "$@" > {folder}/bin/arguments$n\nenv > {folder}/bin/environment$n\necho $((101 + n))\n'
     )
-    for name, text in {"sinfo": SINFO, "squeue": "#!/bin/sh\n", "sbatch": sbatch}.items():
+    scancel = f'#!/bin/sh\necho "$@" > {folder}/bin/cancelled\n'
+    stubs = {"sinfo": SINFO, "squeue": "#!/bin/sh\n", "sbatch": sbatch, "scancel": scancel}
+    for name, text in stubs.items():
         (commands / name).write_text(text)
         (commands / name).chmod(0o755)
     monkeypatch.setenv("PATH", str(commands), prepend=":")
@@ -70,6 +72,37 @@ def test_the_join_waits_for_the_array(slurm, vibraverse):
     assert (slurm.parent / "my results/logs/slices").is_dir()
 
 
+def test_the_users_defaults_hold_and_another_jobs_settings_do_not(slurm, vibraverse, monkeypatch):
+    """Slurm prefers the variables to the script, so what an option says must not reach it as a variable, too."""
+    kept = {"SLURM_CLUSTERS": "big", "SLURM_JWT": "token", "SLURM_CONF": "/slurm.conf"}
+    defaults = {"SBATCH_ACCOUNT": "acoustics", "SBATCH_PARTITION": "gpu", "SBATCH_QOS": "long"}
+    job = {"SLURM_JOB_ID": "17", "SLURM_MEM_PER_NODE": "100", "SBATCH_MEM_BIND": "local"}
+    for name, value in {**kept, **defaults, **job}.items():
+        monkeypatch.setenv(name, value)
+    status, _, err = vibraverse("submit", "--slices", 5, "--cores", 11, "--account", "music")
+    assert status == 0, err
+    for n in range(2):
+        said = options((slurm / f"job{n}").read_text())
+        assert said[-3:] == ["--partition=gpu", "--account=music", "--qos=long"]
+        lines = (slurm / f"environment{n}").read_text().splitlines()
+        handed_on = dict(line.split("=", 1) for line in lines if line.startswith(("SLURM_", "SBATCH_")))
+        assert handed_on == kept
+
+
+@pytest.mark.parametrize("cancels", [True, False])
+def test_without_its_join_the_array_is_cancelled(slurm, vibraverse, cancels):
+    with (slurm / "sbatch").open("a") as script:
+        script.write("[ $n = 0 ] || { echo 'sbatch: error: too many jobs' >&2; exit 1; }\n")
+    if not cancels:
+        (slurm / "scancel").write_text("#!/bin/sh\nexit 1\n")
+    status, out, err = vibraverse("submit", "--slices", 5, "--cores", 4)
+    assert (status, out) == (2, "")
+    assert "too many jobs; the slices that it was to join, job 101, are " in err
+    assert err.endswith("cancelled\n" if cancels else "still queued: `scancel 101`\n")
+    if cancels:
+        assert (slurm / "cancelled").read_text() == "101\n"
+
+
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
@@ -79,7 +112,11 @@ def test_the_join_waits_for_the_array(slurm, vibraverse):
         (["--slices", 5, "--mem-mb", 500], "--mem-mb must be more than"),
         (["--slices", 5, "--profile", "nowhere"], "there is no profile nowhere"),
         (["--slices", 5, "--configfile", "no.yaml"], "no.yaml does not exist"),
-        (["--slices", 5, "--partition", "fast"], "Slurm has no partition 'fast'; there are: cpu, gpu"),
+        (["--slices", 5, "--", "--config", "results=other"], "--config cannot stand after --"),
+        (["--slices", 5, "--", "--until", "audio", "-Cresults=other"], "-C cannot stand after --"),
+        (["--slices", 5, "--", "--configfile=other.yaml"], "--configfile cannot stand after --"),
+        (["--slices", 5, "--partition", "fast"], "Slurm has no partition 'fast'; there are: cpu, gpu, old"),
+        (["--slices", 5, "--mem-mb", 2000, "--partition", "gpu,old"], "the join would ask for 5000 MB"),
         (["--slices", 5, "--cores", 16], "65000 MB, but the largest node of the partition cpu has 24000 MB"),
     ],
 )
@@ -101,7 +138,7 @@ def test_jobs_of_an_earlier_run_are_waited_for(slurm, vibraverse):
     (slurm / "squeue").write_text(f'#!/bin/sh\necho "7|{slurm.parent}"\n')
     status, _, err = vibraverse("submit", "--slices", 5, "--cores", 1)
     assert status == 2
-    assert "1 Slurm jobs of an earlier run still work in" in err
+    assert "an earlier run still has 1 Slurm job in" in err
 
 
 def test_without_slurm_nothing_is_submitted(folder, monkeypatch, vibraverse):

@@ -4,7 +4,7 @@
 #
 #   tests/cluster/slurm.sh start     install what is missing; afterwards sbatch, squeue and sinfo work
 #   tests/cluster/slurm.sh stop      cancel its jobs and end its processes
-#   tests/cluster/slurm.sh kill N    end node N's slurmd as a crash would
+#   tests/cluster/slurm.sh kill N    end node N's slurmd and its jobs as a crash of the machine would
 #   tests/cluster/slurm.sh node N    start node N's slurmd (again)
 #
 # Partitions: cpu (n1, n2) and gpu (n3, two stand-in devices). Memory limits are enforced by Slurm's accounting of processes.
@@ -88,6 +88,28 @@ start_node() {
     slurmd -N "$1"
 }
 
+# All processes under one.
+descendants() {
+    local child
+    for child in $(pgrep -P "$1"); do
+        echo "$child"
+        descendants "$child"
+    done
+}
+
+# First whoever could still tell Slurm how the jobs end.
+kill_node() {
+    local job step process steps=() tasks=()
+    for job in $(squeue -h -w "$1" -t RUNNING -o %A); do
+        for step in $(pgrep -f "^slurmstepd: \\[$job\\."); do
+            steps+=("$step")
+            tasks+=($(descendants "$step"))
+        done
+    done
+    kill -9 "$(cat "$state/$1.pid")"
+    for process in "${steps[@]}" "${tasks[@]}"; do kill -9 "$process" 2>/dev/null || true; done
+}
+
 stop_all() {
     [ -d "$state" ] || return 0
     scancel --user root 2>/dev/null || true
@@ -122,7 +144,7 @@ start)
     fail "The nodes did not come up (the logs' last words are above)."
     ;;
 stop) stop_all ;;
-kill) kill -9 "$(cat "$state/$2.pid")" ;;
+kill) kill_node "$2" ;;
 node) start_node "$2" ;;
 *) fail "usage: tests/cluster/slurm.sh start | stop | kill NODE | node NODE" ;;
 esac

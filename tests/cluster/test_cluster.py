@@ -38,6 +38,11 @@ def running(rule: str) -> list[str]:
     return [line.split("|")[0] for line in lines if rule in line.split("|")[1]]
 
 
+def state(job: str) -> str:
+    """Return the state of a job, ended or not."""
+    return call("squeue", "-h", "-j", job, "-t", "all", "-o", "%T").stdout.strip()
+
+
 def test_a_chain_through_slurm_in_containers_gives_the_workstations_bytes(cluster_run, expected):
     done = cluster_run(*QUICK)
     assert cluster_run.checksums() == expected
@@ -66,8 +71,12 @@ def test_runs_with_and_without_images_go_on_from_each_other(images, expected, ro
 @pytest.mark.long
 def test_a_cancelled_job_is_made_again(cluster_run, expected):
     process = cluster_run.start(*QUICK)
-    call("scancel", wait_for(lambda: running("tets"))[0])
+    job = wait_for(lambda: running("tets"))[0]
+    call("scancel", job)
     assert process.wait(600) == 0
+    assert state(job) == "CANCELLED"
+    logs = (cluster_run.folder / ".snakemake/log").glob("*.log")
+    assert any("Trying to restart" in log.read_text() for log in logs)
     assert cluster_run.checksums() == expected
 
 
@@ -84,25 +93,31 @@ def test_a_lost_node_costs_no_run(cluster_run, expected):
     job = wait_for(lambda: running("grids"))[0]
     node = call("squeue", "-h", "-j", job, "-o", "%N").stdout.strip()
     slurm_script("kill", node)
-    time.sleep(3)
-    slurm_script("node", node)
-    assert process.wait(600) == 0
+    try:
+        wait_for(lambda: "down" in call("sinfo", "-h", "-n", node, "-o", "%t").stdout)
+    finally:
+        slurm_script("node", node)
+    assert process.wait(900) == 0
+    # Slurm itself may have queued it again, or left that to the run.
+    lost = call("scontrol", "--oneliner", "show", "job", job).stdout
+    assert re.search(r"Restarts=[1-9]|JobState=NODE_FAIL", lost), lost
     assert cluster_run.checksums() == expected
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_a_main_process_that_ends_is_started_again(cluster_run, expected, number):
+@pytest.mark.parametrize(("number", "end"), [(signal.SIGKILL, "COMPLETED"), (signal.SIGINT, "CANCELLED")])
+def test_a_main_process_that_ends_is_started_again(cluster_run, expected, number, end):
     """SIGINT cancels the jobs; after SIGKILL they go on, and a new run says so until they are done."""
     process = cluster_run.start(*QUICK)
-    wait_for(lambda: running("tets"))
+    job = wait_for(lambda: running("tets"))[0]
     os.killpg(process.pid, number)
     process.wait(120)
     if number == signal.SIGKILL:
         again = cluster_run(*QUICK, check=False)
         assert again.returncode == 2
-        assert "of an earlier run still work in" in again.stdout + again.stderr
+        assert "an earlier run still has" in again.stdout + again.stderr
     wait_for(lambda: not queue("-t", "PENDING,RUNNING,COMPLETING"))
+    assert state(job) == end
     cluster_run(*QUICK)
     assert cluster_run.checksums() == expected
 
@@ -138,11 +153,9 @@ def test_an_array_of_slices_and_its_join_give_the_bytes_of_one_run(slurm, root, 
     again = subprocess.run(
         [vibraverse, "submit", "--slices", "2"], cwd=parts.folder, capture_output=True, text=True
     )
-    assert "of an earlier run still work in" in again.stderr
+    assert "an earlier run still has" in again.stderr
     join = re.search(r"job (\d+) that joins", said.stdout)[1]
-    wait_for(
-        lambda: call("squeue", "-h", "-j", join, "-t", "all", "-o", "%T").stdout.strip() == "COMPLETED", 1200
-    )
+    wait_for(lambda: state(join) == "COMPLETED", 1200)
     assert parts.checksums() == whole.checksums()
     assert parts.plan()[0] == {}
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import shutil
 import subprocess
 from pathlib import Path
 
@@ -35,6 +36,11 @@ SOURCES = (
     "pyproject.toml",
     "workflow/vibraverse",
 )
+
+
+def binary() -> str | None:
+    """Return the command that runs images, the one that Snakemake would take; none where neither is on the PATH."""
+    return next(filter(shutil.which, ("apptainer", "singularity")), None)
 
 
 def folder() -> str:
@@ -83,7 +89,7 @@ def built(path: str | Path) -> dict[str, str] | None:
     """Return the labels of an image file; none where there is no image."""
     if not Path(path).is_file():
         return None
-    command = ["apptainer", "inspect", "--json", "--labels", str(path)]
+    command = [binary(), "inspect", "--json", "--labels", str(path)]
     done = subprocess.run(command, capture_output=True, text=True)
     if done.returncode != 0:
         return {}

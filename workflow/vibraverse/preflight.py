@@ -7,13 +7,18 @@ can be known before is asked here, of the jobs that will run and nothing else.
 from __future__ import annotations
 
 import os
-import shutil
+import re
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from vibraverse import containers, gpus, products
+from vibraverse.commands import counted
+
+#: The Slurm job that this process is part of, if any: by itself, and as its array. Read when this is imported, for
+#: Snakemake's Slurm plugin deletes the variables before a run's first job.
+_OWN_JOBS = {os.environ.get("SLURM_JOB_ID"), os.environ.get("SLURM_ARRAY_JOB_ID")}
 
 
 class NotThere(Exception):
@@ -39,7 +44,7 @@ def configuration(path: str, text: str) -> None:
 
 def apptainer() -> None:
     """Check that images can be run, and named."""
-    if not any(map(shutil.which, ("apptainer", "singularity"))):
+    if containers.binary() is None:
         raise NotThere(
             "the profile asks for containers, but there is no command apptainer on the PATH; install Apptainer "
             "(or load its module), or run without containers: --workflow-profile workflow/profiles/default"
@@ -152,9 +157,10 @@ def partitions() -> tuple[dict[str, tuple[int, bool]], str | None]:
 def no_earlier_jobs(folder: Path) -> None:
     """Check that no job of a run that was killed still writes here: it and this run would disturb each other."""
     queue = _ask("squeue", "-h", "-u", str(os.getuid()), "-t", "PENDING,RUNNING,COMPLETING", "-o", "%i|%Z")
-    left = [line.split("|")[0] for line in queue.splitlines() if line.split("|")[1] == str(folder)]
+    jobs = (line.split("|", 1) for line in queue.splitlines())
+    left = [job for job, where in jobs if where == str(folder) and re.match(r"\d+", job)[0] not in _OWN_JOBS]
     if left:
         raise NotThere(
-            f"{len(left)} Slurm jobs of an earlier run still work in {folder}; wait until `squeue --me` shows none, or "
-            f"end them with `scancel {' '.join(left[:20])}`, then repeat the command"
+            f"an earlier run still has {counted(len(left), 'Slurm job')} in {folder}; wait for its end (`squeue --me` "
+            f"shows it), or end it with `scancel {' '.join(left[:20])}`, then repeat the command"
         )

@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import importlib
 import io
+import math
 import shutil
 import sys
 import tempfile
@@ -180,6 +181,8 @@ class _Strike:
         for path in (self.output, *([Path(arguments.json)] if arguments.json not in (None, "-") else [])):
             if not path.absolute().parent.is_dir():
                 raise UsageError(f"the folder of {path} does not exist")
+            if path.is_dir():
+                raise UsageError(f"{path} is a folder; name a file in it")
 
     @staticmethod
     def _material(arguments) -> Material:
@@ -199,7 +202,9 @@ class _Strike:
         try:
             x, y, z = (float(part) for part in text.split(","))
         except ValueError:
-            raise UsageError(f"--at takes three numbers such as 0.1,0,0.25, not {text!r}") from None
+            x = y = z = math.nan
+        if not all(map(math.isfinite, (x, y, z))):
+            raise UsageError(f"--at takes three numbers such as 0.1,0,0.25, not {text!r}")
         return x, y, z
 
     def run(self, folder: Path) -> tuple[dict, Path]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import shlex
 import subprocess
 import sys
@@ -27,6 +28,18 @@ from vibraverse.resources import CLASSES
 SNAKEMAKE_MB = 1000
 #: MB for each core, where nothing else is asked for.
 CORE_MB = 4000
+#: MB of the job that joins.
+JOIN_MB = CLASSES["collect"][0] + SNAKEMAKE_MB
+#: What is the user's among the variables that tell Slurm's commands what to do; Slurm sets the others inside a job.
+_KEPT = ("SLURM_CONF", "SLURM_CLUSTERS", "SLURM_JWT")
+#: Options of sbatch that have options here, and the user's defaults for them. The script states them, since sbatch
+#: would rather follow the variables than the script.
+_DEFAULTS = {
+    "partition": "SBATCH_PARTITION",
+    "account": "SBATCH_ACCOUNT",
+    "qos": "SBATCH_QOS",
+    "time": "SBATCH_TIMELIMIT",
+}
 
 
 def parser() -> argparse.ArgumentParser:
@@ -53,11 +66,15 @@ def parser() -> argparse.ArgumentParser:
         metavar="DIR",
         help="profile of each run inside its element: default, or apptainer (default %(default)s)",
     )
-    p.add_argument("--partition", metavar="NAME", help="default: the cluster's")
-    p.add_argument("--account", metavar="NAME", help="default: yours")
+    p.add_argument("--partition", metavar="NAME", help="default: SBATCH_PARTITION, else the cluster's")
+    p.add_argument("--account", metavar="NAME", help="default: SBATCH_ACCOUNT, else yours")
+    p.add_argument("--qos", metavar="NAME", help="quality of service (default: SBATCH_QOS, else yours)")
     p.add_argument(
-        "--time", metavar="TIME", help="time of each, as sbatch takes it (default: the partition's)"
+        "--time",
+        metavar="TIME",
+        help="time of each, as sbatch takes it (default: SBATCH_TIMELIMIT, else the partition's)",
     )
+    p.set_defaults(**{option: os.environ.get(variable) for option, variable in _DEFAULTS.items()})
     p.add_argument("--at-most", type=int, metavar="N", help="elements that run at once (default: all)")
     p.add_argument("--sbatch", default="", metavar="OPTIONS", help="more options of sbatch, as one word")
     p.add_argument("--dry-run", action="store_true", help="print the scripts, submit nothing")
@@ -78,7 +95,12 @@ def main(argv: list[str]) -> int:
     logs.mkdir(parents=True, exist_ok=True)
     array = _sbatch(slices)
     # After any end: where slices failed, the join says which shards are missing.
-    last = _sbatch(join, f"--dependency=afterany:{array}")
+    try:
+        last = _sbatch(join, f"--dependency=afterany:{array}")
+    except UsageError as error:
+        ended = subprocess.run(["scancel", array], capture_output=True).returncode == 0
+        left = f"job {array}, are cancelled" if ended else f"job {array}, are still queued: `scancel {array}`"
+        raise UsageError(f"{error}; the slices that it was to join, {left}") from None
     print(f"Submitted {chosen.slices} slices as job {array}, and job {last} that joins what they make.")
     print(
         f"Watch them with `squeue --me`; what each says is in {logs}. To go on after an accident: the same command."
@@ -102,10 +124,7 @@ def slices_script(chosen: argparse.Namespace, logs: Path) -> str:
 
 def join_script(chosen: argparse.Namespace, logs: Path) -> str:
     """Return the script of the last job."""
-    memory_mb = CLASSES["collect"][0] + SNAKEMAKE_MB
-    return _script(
-        chosen, "vibraverse-join", [f"--output={logs}/join.log"], 1, memory_mb, [], f"slice={JOIN}"
-    )
+    return _script(chosen, "vibraverse-join", [f"--output={logs}/join.log"], 1, JOIN_MB, [], f"slice={JOIN}")
 
 
 def _script(
@@ -118,11 +137,7 @@ def _script(
     key: str,
 ) -> str:
     asked = [f"--job-name={name}", *options, "--ntasks=1", f"--cpus-per-task={cores}", f"--mem={memory_mb}"]
-    asked += [
-        f"--{option}={value}"
-        for option in ("partition", "account", "time")
-        if (value := getattr(chosen, option))
-    ]
+    asked += [f"--{option}={value}" for option in _DEFAULTS if (value := getattr(chosen, option))]
     command = [
         sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"),
         "--workflow-profile", str(chosen.profile.absolute()), "--configfile", str(Path(chosen.configfile).absolute()),
@@ -162,6 +177,12 @@ def _checked(chosen: argparse.Namespace):
             f"the profile {chosen.profile} hands jobs to {executor}, but each element of the array runs its slice on "
             "its own node; take workflow/profiles/default or workflow/profiles/apptainer"
         )
+    for argument in chosen.snakemake:
+        if found := re.match(r"--config(files?)?(?==|$)|-C", argument):
+            raise UsageError(
+                f"{found[0]} cannot stand after --, where the slice's own would replace it; write what it sets into "
+                f"{chosen.configfile}, or name another file with --configfile before --"
+            )
     try:
         config = load(chosen.configfile)
         if config.slice is not None:
@@ -179,23 +200,31 @@ def _ready(chosen: argparse.Namespace) -> None:
         preflight.no_earlier_jobs(Path.cwd())
     except preflight.NotThere as missing:
         raise UsageError(str(missing)) from None
-    name = chosen.partition or default
-    if chosen.partition and name not in there:
-        raise UsageError(f"Slurm has no partition {name!r}; there are: {', '.join(sorted(there))}")
-    if name and (largest := there[name][0]) < _memory_mb(chosen):
-        raise UsageError(
-            f"each slice would ask for {_memory_mb(chosen)} MB, but the largest node of the partition {name} has "
-            f"{largest} MB; give fewer --cores, or --mem-mb"
-        )
+    asked = [
+        ("each slice", _memory_mb(chosen), "give fewer --cores, or --mem-mb"),
+        ("the join", JOIN_MB, "choose another --partition"),
+    ]
+    names = chosen.partition or default
+    for name in names.split(",") if names else []:
+        if name not in there:
+            raise UsageError(f"Slurm has no partition {name!r}; there are: {', '.join(sorted(there))}")
+        largest = there[name][0]
+        for job, memory_mb, remedy in asked:
+            if largest < memory_mb:
+                raise UsageError(
+                    f"{job} would ask for {memory_mb} MB, but the largest node of the partition {name} has "
+                    f"{largest} MB; {remedy}"
+                )
 
 
 def _sbatch(script: str, *options: str) -> str:
     """Submit a script; return the job's id."""
-    # A run inside another job must not hand that job's settings down.
+    # A run inside another job must not hand that job's settings down; the user's own SBATCH_* are in the script.
     environment = {
-        key: value for key, value in os.environ.items() if not key.startswith(("SLURM_", "SBATCH_"))
+        key: value
+        for key, value in os.environ.items()
+        if key in _KEPT or not key.startswith(("SLURM_", "SBATCH_"))
     }
-    environment |= {"SLURM_CONF": os.environ["SLURM_CONF"]} if "SLURM_CONF" in os.environ else {}
     done = subprocess.run(
         ["sbatch", "--parsable", *options], input=script, capture_output=True, text=True, env=environment
     )
