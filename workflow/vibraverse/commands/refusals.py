@@ -173,7 +173,7 @@ def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
 
 def _known(name: str, known: list[str], kind: str) -> None:
     if name not in known:
-        from vibraverse.config import unknown
+        from vibraverse.texts import unknown
 
         shown = known if len(known) <= 20 else [*known[:19], f"and {len(known) - 19} more"]
         raise UsageError(unknown(kind, name, shown))

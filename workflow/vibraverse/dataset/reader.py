@@ -13,12 +13,12 @@ from pathlib import Path
 
 import numpy as np
 
-from vibraverse.config import unknown
 from vibraverse.dataset import schema
 from vibraverse.dataset.sampled import read_sampled, rows_of
 from vibraverse.dataset.splits import SPLIT_COLUMNS
 from vibraverse.dataset.tables import from_tsv
 from vibraverse.physics.materials import sampled_number
+from vibraverse.texts import unknown
 
 #: What a sample holds unless asked otherwise: what every task needs, small, and of one shape for all bodies.
 DEFAULT_FIELDS = ("frequencies_hz", "damping_per_s", "size_m", "density_kg_m3", "young_pa", "poisson")
