@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import make_products
 from vibraverse import products
 from vibraverse.lineage import jobs
 from vibraverse.paths import Paths
@@ -76,6 +77,23 @@ def test_what_is_wrong_is_said_deleted_and_planned_again(run, vibraverse, broken
     planned = run.plan()[0]
     assert {name: planned.get(name) for name in jobs} == jobs
     assert planned["report"] == planned["verdict"] == planned["index"] == 1
+
+
+def test_a_repair_begins_with_the_last_products_and_goes_down_the_chain(tmp_path, vibraverse, monkeypatch):
+    """Stopped anywhere, it leaves a run that makes again what is gone, or a wrong file that later ones still tell of."""
+    paths = make_products.build(tmp_path)
+    products.write_text(paths.report, "")
+    wrong = Path(paths.at(paths.modes, object="bar-0000", solidity="solid"))
+    rot(wrong)
+    deleted = []
+    monkeypatch.setattr(Path, "unlink", lambda path, missing_ok=False: deleted.append(path))
+    assert vibraverse("repair", "--results", tmp_path, "--delete")[0] == 0
+    kinds = [path.relative_to(tmp_path).parts[0] for path in deleted]
+    assert kinds == sorted(kinds, key=["report", "dataset", "objects"].index)
+    first = kinds.index("objects")
+    assert deleted[first - 1] == Path(paths.at(paths.shard, shard="1"))
+    assert deleted[first] == wrong
+    assert {path.parent.name for path in deleted[first + 1 :]} == {"sounds"}
 
 
 def test_a_repaired_run_ends_with_the_same_bytes(finished, run, vibraverse):

@@ -10,6 +10,7 @@ from pathlib import Path
 from vibraverse import products
 from vibraverse.cli import UsageError
 from vibraverse.commands import counted
+from vibraverse.dataset.chain import shards_in
 from vibraverse.dataset.schema import MAKING
 from vibraverse.lineage import Made, chain, jobs, makers, packed_jobs
 from vibraverse.paths import Paths
@@ -77,7 +78,7 @@ def _of_dataset(
     import h5py
 
     is_shard = inside.startswith("dataset/shards/")
-    shards = [file] if is_shard else sorted(Path(paths.shard).parent.glob("*.h5"))
+    shards = [file] if is_shard else shards_in(paths.dataset)
     held: dict[str, list[Made]] = {}
     last = []
     for shard in shards:
