@@ -271,6 +271,23 @@ def test_an_empty_shard_is_a_shard(tmp_path):
         assert reader.problems() == []
 
 
+def test_few_shards_are_kept_open(results, monkeypatch):
+    def files() -> int:
+        return sum(Path(link).resolve().suffix == ".h5" for link in Path("/proc/self/fd").iterdir())
+
+    monkeypatch.setattr("vibraverse.dataset.reader._MOST_OPEN", 1)
+    before = files()
+    with vibraverse.dataset.open(results / "dataset") as reader:
+        assert files() == before
+        group = reader.group("bar-0000")
+        for name in ("ball-0000", "bar-0000", "ball-0000"):
+            reader.read("frequencies_hz", name, "solid", "wood")
+        assert group["grids/occupancy"].shape == (16, 16, 16)  # what is in use stays open
+        del group
+        assert files() == before + 1
+    assert files() == before
+
+
 def test_handles_are_each_process_s_own(reader):
     expected = reader.read("frequencies_hz", "bar-0000", "solid", "wood")
     copy = pickle.loads(pickle.dumps(reader))

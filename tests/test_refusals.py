@@ -52,6 +52,15 @@ def test_a_run_is_known_by_its_configuration(results, vibraverse, monkeypatch):
     )  # fmt: skip
 
 
+def test_only_configured_bodies_count(results, vibraverse, monkeypatch):
+    monkeypatch.chdir(results)
+    Path("config.yaml").write_text(f"results: {results}\nsolidities: [hollow]\n")
+    assert vibraverse("refusals")[1].startswith("2 of 4 objects refused, 0 more in part.")
+    assert vibraverse("refusals", "--solidities", "solid")[1].startswith("1 of 4 objects refused")
+    Path("config.yaml").unlink()
+    assert vibraverse("refusals", "--results", ".")[1].startswith("1 of 4 objects refused, 1 more in part.")
+
+
 def test_nothing_refused(results, vibraverse):
     _, out, _ = vibraverse("refusals", "--results", results, "--objects", "bar-0000", "cup-0000")
     assert out == "0 of 2 objects refused, 0 more in part.\n"

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vibraverse import guard, products
 from vibraverse.cli import UsageError
-from vibraverse.commands import counted, run_arguments, run_paths, share
+from vibraverse.commands import counted, run_arguments, run_paths, run_solidities, share
 from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.tables import from_tsv
@@ -34,8 +34,7 @@ def main(argv: list[str]) -> int:
         "--solidities",
         nargs="+",
         choices=SOLIDITIES,
-        default=SOLIDITIES,
-        help="bodies to expect (default: both)",
+        help="bodies to expect (default: as configured)",
     )
     parser.add_argument(
         "--retry",
@@ -63,11 +62,12 @@ def main(argv: list[str]) -> int:
         state = _recorded(chosen.record)
     else:
         paths = run_paths(chosen)
-        found = _scan(paths, chosen.objects, chosen.solidities)
+        solidities = chosen.solidities or run_solidities(chosen)
+        found = _scan(paths, chosen.objects, solidities)
         if chosen.retry is not None:
             return _retry(paths, found, chosen.retry)
         rows = [row for object_id, refusals in found.items() for row in refusals.rows(object_id)]
-        gone = sum(refusals.is_refused(chosen.solidities) for refusals in found.values())
+        gone = sum(refusals.is_refused(solidities) for refusals in found.values())
         state = State(len(found), gone, rows)
     print(listing(state), end="")
     accepted = chosen.check is None or state.share <= chosen.check
