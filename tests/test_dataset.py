@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import json
 import os
 import pickle
@@ -21,7 +19,7 @@ import make_products
 import vibraverse.dataset
 from vibraverse import products
 from vibraverse.config.dataset import Dataset
-from vibraverse.dataset import chain, making, schema, tables, validator
+from vibraverse.dataset import chain, making, schema, validator
 from vibraverse.dataset.splits import shard_of, split_of
 from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
@@ -339,29 +337,6 @@ def test_shards_fill_evenly():
     counts = np.bincount([shard_of(f"object-{number}", 8) for number in range(8000)], minlength=8)
     assert counts.min() > 850
     assert counts.max() < 1150
-
-
-def test_tables_give_back_what_was_written():
-    columns = {"name": (str, ""), "value": (float, ""), "count": (int, "")}
-    rows = [{"name": "a\tb\n c", "value": np.float64(0.1) / 3, "count": np.int64(4)}]
-    text = tables.to_tsv(rows, columns)
-    assert text.splitlines()[0] == "name\tvalue\tcount"
-    assert tables.from_tsv(text, columns) == [{"name": "a b c", "value": 0.1 / 3, "count": 4}]
-    assert tables.from_tsv(tables.to_tsv([], columns), columns) == []
-    with pytest.raises(ValueError, match="columns are"):
-        tables.from_tsv("other\n", columns)
-    with pytest.raises(ValueError, match="no table"):
-        tables.from_tsv(f'{text}"{"x" * 200_000}', columns)
-
-
-def test_tables_are_read_by_other_programs_whatever_a_text_holds():
-    columns = {"title": (str, ""), "count": (int, "")}
-    titles = ['"Quoted', 'a 12" pipe', "a\0b\x85c\ud800", "# it's plain"]
-    text = tables.to_tsv([{"title": title, "count": 1} for title in titles], columns)
-    expected = ['"Quoted', 'a 12" pipe', "a b c", "# it's plain"]
-    assert [row["title"] for row in csv.DictReader(io.StringIO(text), delimiter="\t")] == expected
-    assert [row["title"] for row in tables.from_tsv(text, columns)] == expected
-    assert text.splitlines()[-1] == "# it's plain\t1"  # as it is where nothing has to be quoted
 
 
 def test_control_characters_of_files_reach_no_shard(tmp_path):
