@@ -169,7 +169,43 @@ def test_lost_and_strange_files_are_named(dataset):
     (dataset / "shards/1.h5").unlink()
     found = [str(finding) for finding in check.findings(dataset)]
     assert "shards/1.h5: it is not there, but dataset.json and SHA256SUMS list it" in found
-    assert "dataset.json: it does not list shards/7.h5" in found
+    assert "shards/7.h5: it is no file of this dataset: move it away" in found
+
+
+def test_a_stranger_is_one_finding_and_nothing_of_ours_is_deleted(dataset, vibraverse):
+    (dataset / "notes.txt").write_text("mine")
+    (dataset / "shards/.1.partial.0.h5").write_text("of a killed job")
+    (finding,) = check.findings(dataset)
+    assert str(finding) == "notes.txt: it is no file of this dataset: move it away"
+    before = sorted(dataset.rglob("*"))
+    status, out, _ = vibraverse("repair", "--results", dataset.parent, "--delete")
+    assert (status, out) == (1, f"{dataset}/notes.txt: {finding.sentence}\n")
+    assert sorted(dataset.rglob("*")) == before
+    (dataset / "notes.txt").unlink()
+    assert vibraverse("repair", "--results", dataset.parent, "--delete")[0] == 0
+
+
+@pytest.mark.parametrize("witness", ["dataset.json", "SHA256SUMS"])
+def test_without_a_witness_no_file_is_a_stranger(dataset, witness):
+    (dataset / witness).write_text("")
+    found = list(check.findings(dataset))
+    assert found
+    assert not any(finding.stranger for finding in found)
+
+
+@pytest.mark.parametrize("looks", [[], ["clay"]])
+def test_pictures_are_missing_only_where_some_were_made(tmp_path, looks):
+    paths = make_products.make(tmp_path, objects=("bar-0000",))
+    record = Path(paths.at(paths.images_record, object="bar-0000"))
+    images = json.loads(record.read_text())
+    images["provenance"]["options"]["looks"] = looks
+    record.write_text(json.dumps(images))
+    shard = tmp_path / "0.h5"
+    make_products.call(
+        "dataset", "--shard", shard, "--options", make_products.options(tmp_path, ["bar-0000"], looks=[])
+    )
+    found = [finding.sentence for finding in check.findings(shard)]
+    assert found == (["views/{look} is missing"] if looks else [])
 
 
 def scaled(path: str, factor: float):

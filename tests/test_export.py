@@ -131,6 +131,14 @@ def test_narrowed(export):
     assert said.splitlines()[-1].startswith("4 items in ")
 
 
+def test_a_column_may_be_named_again_and_numbers_are_numbers(export):
+    again = ("material=steel", "material=wood", "modes=64", "size_m=0.180")
+    out, _ = export("--format", "webdataset", "--where", *again, "solidity=solid")
+    assert sorted(samples(out.glob("*.tar"))) == [
+        f"{name}-0000__solid__{material}" for name in ("ball", "bar") for material in ("steel", "wood")
+    ]
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -141,6 +149,7 @@ def test_narrowed(export):
             "unknown column 'materal'; did you mean 'material'?",
         ),
         (("--format", "webdataset", "--where", "material=tin"), "holds no such items"),
+        (("--format", "webdataset", "--where", "modes=many"), "modes is a number in every row, not 'many'"),
         (("--format", "webdataset", "--parquet"), "--parquet goes with --format huggingface"),
         (("--format", "webdataset", "--max-mb", "0"), "--max-mb must be greater than 0, not 0"),
     ],
@@ -156,6 +165,13 @@ def test_what_is_there_is_not_overwritten(export, tmp_path):
     (tmp_path / "out/mine").write_text("mine")
     _, said = export("--format", "webdataset", status=2)
     assert "is not empty; name a new folder" in said
+
+
+def test_the_folder_one_stands_in_is_not_replaced(folder, tmp_path, vibraverse, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    status, _, said = vibraverse("export", folder, "-o", ".", "--format", "webdataset")
+    assert (status, said.count("\n")) == (2, 1)
+    assert "cannot be replaced; name a new one" in said
 
 
 def test_an_array_too_large_for_json_is_said(export, monkeypatch):

@@ -15,6 +15,7 @@ from vibraverse.config.dataset import Dataset
 from vibraverse.dataset import open as open_dataset
 from vibraverse.dataset.splits import split_of
 from vibraverse.paths import Paths
+from vibraverse.products import sha256
 
 
 @pytest.fixture(scope="module")
@@ -177,6 +178,25 @@ def test_another_object_of_the_same_name_is_one_sentence(two, tmp_path, vibraver
     assert (
         f"{two[0]} and {third} both hold 'bar-0000', and not the same; make one of them without it" in errors
     )
+
+
+def test_what_is_joined_is_not_overwritten(two, view, tmp_path, vibraverse):
+    shard = Path(shutil.copy(two[1] / "shards/0.h5", tmp_path / "0.h5"))
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "again").symlink_to(view)
+    for inputs, out, words in (
+        ([shard], shard, "is one of the files to join; name another for the view"),
+        ([view], tmp_path / "again", "is one of the files to join"),
+        ([two[0]], shard, "is there and no view of datasets; name a new file"),
+        ([two[0]], tmp_path / "notes.txt", "is there and no view"),
+        ([two[0]], tmp_path, "is there and no view"),
+    ):
+        before = sha256(out) if out.is_file() else ""
+        status, _, errors = vibraverse("join", *inputs, "-o", out)
+        assert (status, errors.count("\n")) == (2, 1)
+        assert f"{out} {words}" in errors
+        assert before == (sha256(out) if out.is_file() else "")
+    assert vibraverse("join", two[1], "-o", view)[0] == 0  # a view is made anew
 
 
 def test_no_dataset_is_one_sentence(tmp_path, vibraverse):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import make_products
 from vibraverse import products
 from vibraverse.lineage import jobs
 from vibraverse.paths import Paths
@@ -76,6 +77,23 @@ def test_what_is_wrong_is_said_deleted_and_planned_again(run, vibraverse, broken
     planned = run.plan()[0]
     assert {name: planned.get(name) for name in jobs} == jobs
     assert planned["report"] == planned["verdict"] == planned["index"] == 1
+
+
+def test_a_repair_begins_with_the_last_products_and_goes_down_the_chain(tmp_path, vibraverse, monkeypatch):
+    """Stopped anywhere, it leaves a run that makes again what is gone, or a wrong file that later ones tell of."""
+    paths = make_products.build(tmp_path)
+    products.write_text(paths.report, "")
+    wrong = Path(paths.at(paths.modes, object="bar-0000", solidity="solid"))
+    rot(wrong)
+    deleted = []
+    monkeypatch.setattr(Path, "unlink", lambda path, missing_ok=False: deleted.append(path))
+    assert vibraverse("repair", "--results", tmp_path, "--delete")[0] == 0
+    kinds = [path.relative_to(tmp_path).parts[0] for path in deleted]
+    assert kinds == sorted(kinds, key=["report", "dataset", "objects"].index)
+    first = kinds.index("objects")
+    assert deleted[first - 1] == Path(paths.at(paths.shard, shard="1"))
+    assert deleted[first] == wrong
+    assert {path.parent.name for path in deleted[first + 1 :]} == {"sounds"}
 
 
 def test_a_repaired_run_ends_with_the_same_bytes(finished, run, vibraverse):
@@ -181,6 +199,30 @@ def test_what_is_made_of_all_objects_leads_back_to_their_sources(finished, vibra
     assert "    from   generated, bar-0000.ply, licence CC0-1.0\n" in out
     assert out.splitlines()[-1].startswith("    again  vibraverse ")
     assert ", changed since" not in out
+
+
+def test_a_script_makes_all_objects_and_keeps_the_splits(tmp_path, vibraverse):
+    names = tuple(f"bar-{number:04d}" for number in range(4))
+    paths = make_products.make(tmp_path, objects=names)
+    shards = make_products.pack(tmp_path, groups=(names[:2], names[2:]))
+    kept = tmp_path / "first.tsv"
+    kept.write_text("object\tsplit\tcopy_of\nbar-0001\tvalidation\t\n")
+    make_products.index(tmp_path, shards, f"--kept={kept}")
+    vibraverse()  # forget what the stages said
+    _, out, _ = vibraverse("provenance", paths.index)
+    assert out.startswith("# 4 objects, of which --object ID shows one")
+    _, out, _ = vibraverse("provenance", paths.index, "--commands")
+    commands = [shlex.split(line) for line in out.splitlines()]
+    assert [words[3] for words in commands if words[1] == "clean"] == list(names)
+    assert [words[1] for words in commands[-3:]] == ["dataset", "dataset", "index"]
+    assert "--kept=FILE" in commands[-1]  # the record holds no paths
+    Path(paths.log("index")).parent.mkdir(exist_ok=True)
+    Path(paths.log("index")).write_text(f"vibraverse index --kept={kept} --threads 1\n")
+    assert f"--kept={kept}" in vibraverse("provenance", paths.index)[1].splitlines()[-1]
+    make_products.call(
+        *shlex.split(vibraverse("provenance", paths.index, "--commands")[1].splitlines()[-1])[1:]
+    )
+    assert "bar-0001\tvalidation\t" in Path(paths.splits).read_text()
 
 
 def test_a_dataset_alone_states_where_its_objects_come_from(finished, tmp_path, vibraverse, monkeypatch):

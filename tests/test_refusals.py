@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -48,6 +50,15 @@ def test_a_run_is_known_by_its_configuration(results, vibraverse, monkeypatch):
     assert (status, errors) == (
         2, "vibraverse: the configuration file yours.yaml does not exist\n",
     )  # fmt: skip
+
+
+def test_only_configured_bodies_count(results, vibraverse, monkeypatch):
+    monkeypatch.chdir(results)
+    Path("config.yaml").write_text(f"results: {results}\nsolidities: [hollow]\n")
+    assert vibraverse("refusals")[1].startswith("2 of 4 objects refused, 0 more in part.")
+    assert vibraverse("refusals", "--solidities", "solid")[1].startswith("1 of 4 objects refused")
+    Path("config.yaml").unlink()
+    assert vibraverse("refusals", "--results", ".")[1].startswith("1 of 4 objects refused, 1 more in part.")
 
 
 def test_nothing_refused(results, vibraverse):
@@ -114,6 +125,35 @@ def test_retry_some(results, vibraverse, name):
     left = refused_files(results)
     assert left
     assert all(path.startswith("objects/leaf/") for path in left)
+
+
+def test_a_retry_begins_with_the_last_products(tmp_path, vibraverse, monkeypatch):
+    """Stopped anywhere, it leaves a run that makes the refused products again, or refusals to retry."""
+    paths = make_products.build(tmp_path)
+    products.write_text(paths.report, "")
+    deleted = []
+    monkeypatch.setattr(Path, "unlink", lambda path, missing_ok=False: deleted.append(str(path)))
+    assert vibraverse("refusals", "--results", tmp_path, "--retry", "leaf")[0] == 0
+    kinds = [name.removeprefix(f"{tmp_path}/").partition("/")[0] for name in deleted]
+    assert kinds == sorted(kinds, key=["report", "dataset", "objects"].index)
+    last = deleted[kinds.index("objects") - 1]
+    assert last == paths.at(paths.shard, shard="0")
+    assert str(paths.at(paths.shard, shard="1")) not in deleted
+
+
+def test_a_retry_waits_for_no_run(results, vibraverse):
+    program = (
+        f"from vibraverse.guard import only_run; only_run({str(results)!r}); print(1, flush=True); input()"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    ) as run:
+        assert run.stdout.readline()
+        status, _, errors = vibraverse("refusals", "--results", results, "--retry")
+        run.communicate(b"\n")
+    assert status == 1
+    assert "is working in" in errors
+    assert refused_files(results)
 
 
 def test_mistakes_are_one_sentence(results, vibraverse):

@@ -133,6 +133,15 @@ def test_the_command_says_it_all(plan, vibraverse):
     )
 
 
+def test_a_folder_may_be_named_in_any_way(plan, vibraverse, monkeypatch):
+    expected = vibraverse("status")[1]
+    for name in ("results/", "./results", "./results//", Path("results").resolve()):
+        status, out, _ = vibraverse("status", "--results", name)
+        assert (status, out.replace(f"{Path.cwd()}/", "")) == (0, expected)
+    monkeypatch.chdir("results")
+    assert vibraverse("status", "--config", "../config.yaml", "--results", ".")[:2] == (0, expected)
+
+
 def test_a_run_that_works_is_noticed_by_its_lock(plan, vibraverse):
     assert guard.run_since("results") is None
     program = "from vibraverse.guard import only_run; only_run('results'); print(1, flush=True); input()"

@@ -134,7 +134,7 @@ def main(argv: list[str] | None = None) -> int:
         if name in COMMANDS:
             module = importlib.import_module(f"vibraverse.commands.{name}")
             return module.main(rest) or 0
-        from vibraverse.config import unknown
+        from vibraverse.texts import unknown
 
         raise UsageError(unknown("command", name, [*COMMANDS, *STAGES]))
     except UsageError as error:

@@ -151,10 +151,15 @@ class Made:
         """Return the mesh that the source came from, as the job's log says: records do not hold paths."""
         if "file" not in self.provenance.get("input_sha256", {}):
             return []
-        log = Path(self.paths.at(self.paths.log("sources", "object"), object=self.object))
-        words = shlex.split(log.read_text(encoding="utf-8").split("\n")[0]) if log.is_file() else []
-        named = [word.removeprefix("--file=") for word in words if word.startswith("--file=")]
-        return named or [self.content.get("file") or "FILE"]
+        log = self.paths.at(self.paths.log("sources", "object"), object=self.object)
+        return logged(log, "--file=") or [self.content.get("file") or "FILE"]
+
+
+def logged(log: str | Path, option: str) -> list[str]:
+    """Return what follows ``option`` in the words of the command that a job's log begins with; [] without a log."""
+    log = Path(log)
+    words = shlex.split(log.read_text(encoding="utf-8").split("\n")[0]) if log.is_file() else []
+    return [word.removeprefix(option) for word in words if word.startswith(option)]
 
 
 def jobs(paths: Paths, object_id: str) -> list[Made]:

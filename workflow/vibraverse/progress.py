@@ -135,7 +135,7 @@ def _kinds(plan: Plan) -> list[Kind]:
         if made.solidity not in ("", *asked) or (made.step.stage == "hollow" and "hollow" not in asked):
             continue
         paths = [
-            plan.paths.at(pattern, object=_ANY, solidity=made.solidity)
+            str(Path(plan.paths.at(pattern, object=_ANY, solidity=made.solidity)))
             for name in made.step.outputs.values()
             for pattern in several.get(name, [getattr(plan.paths, name)])
         ]

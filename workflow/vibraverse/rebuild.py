@@ -14,13 +14,17 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vibraverse import products
+from vibraverse.dataset.chain import shards_in
 from vibraverse.lineage import Made, after, jobs, makers
 from vibraverse.paths import Paths
 from vibraverse.refusal import read_refusal
 
 
 class Wrong(NamedTuple):
-    """A wrong product: its path, why, what makes it again, and all files that this makes anew."""
+    """A wrong product: its path, why, what makes it again, and all files that this makes anew.
+
+    A file that is none of the run's has nothing that makes it.
+    """
 
     path: Path
     sentence: str
@@ -30,20 +34,30 @@ class Wrong(NamedTuple):
 
 
 def last_products(paths: Paths, shards: Iterable[Path]) -> list[Path]:
-    """Return the shards and all that is made of any shard.
+    """Return all that is made of any shard, last things first, and the shards.
 
     Snakemake looks for what is asked for in the end, and makes nothing again before something of that is missing.
     """
     tables = (paths.index, paths.index_parquet, paths.splits, paths.refusals, paths.dataset_record)
     index = (*tables, paths.card, paths.overview, paths.croissant, paths.dataset_config)
-    made = (*index, paths.dataset_sums, paths.report, paths.verdict)
-    return [path for path in (*shards, *map(Path, made)) if path.is_file()]
+    made = (paths.report, paths.verdict, paths.dataset_sums, *index)
+    return [path for path in (*map(Path, made), *shards) if path.is_file()]
+
+
+def in_order(paths: Paths, files: Iterable[Path], objects: Iterable[str]) -> list[Path]:
+    """Return files of these objects and of the dataset, and what is made of them in the end, as they are to be deleted.
+
+    The last products and the shards come first: were one stopped in between, Snakemake would otherwise find all that
+    is asked for, and make nothing again. Files of an object stay in the order of its chain, since the later ones tell
+    that one is wrong until it is gone.
+    """
+    return list(dict.fromkeys([*last_products(paths, shards_of(paths, objects)), *files]))
 
 
 def shards_of(paths: Paths, objects: Iterable[str]) -> list[Path]:
     """Return the shards that hold these objects, and those that cannot be read."""
     wanted, found = set(objects), []
-    for shard in sorted(Path(paths.shard).parent.glob("*.h5")):
+    for shard in shards_in(paths.dataset):
         held = packed_products(shard)
         if held is None or wanted & set(held):
             found.append(shard)
@@ -116,6 +130,9 @@ def wrong_dataset(paths: Paths) -> Iterator[Wrong]:
             continue
         seen.add(finding.file)
         path, is_shard = Path(paths.dataset) / finding.file, finding.file.startswith(SHARDS)
+        if finding.stranger:
+            yield Wrong(path, finding.sentence, "", [])
+            continue
         sentence = f"{finding.object}: {finding.sentence}" if finding.object else finding.sentence
         files = last_products(paths, [path] if is_shard else [])
         yield Wrong(path, sentence, "dataset" if is_shard else "index", files)

@@ -12,6 +12,8 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from vibraverse.texts import storable
+
 #: Reason classes and the sentence a summary shows for each.
 REASONS = {
     "unreadable": "the file could not be read as a mesh",
@@ -44,6 +46,7 @@ class Refused(Exception):
     def __init__(self, reason: str, message: str, advice: str = ""):
         if reason not in REASONS:
             raise ValueError(f"unknown refusal reason {reason!r}; known: {', '.join(REASONS)}")
+        message, advice = storable(message), storable(advice)  # both may quote a file
         super().__init__(message)
         self.reason, self.message, self.advice = reason, message, advice
 

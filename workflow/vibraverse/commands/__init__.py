@@ -40,6 +40,14 @@ def run_paths(chosen: argparse.Namespace):
     return Paths(run_config(chosen).results)
 
 
+def run_solidities(chosen: argparse.Namespace) -> tuple[str, ...]:
+    """Return the bodies that the run which was named makes; both where its configuration is not here."""
+    from vibraverse.paths import SOLIDITIES
+
+    known = chosen.config or Path(DEFAULT_CONFIG).is_file()
+    return tuple(run_config(chosen).solidities) if known else SOLIDITIES
+
+
 def counted(count: int, thing: str) -> str:
     """Return how many there are, in words: ``1 object``, ``2 objects``."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

@@ -24,7 +24,11 @@ def main(argv: list[str]) -> int:
         "--fields", help="what an item holds, separated by commas (docs/dataset.md lists them)"
     )
     parser.add_argument(
-        "--where", nargs="+", default=[], metavar="COLUMN=VALUE", help="only items of these (A,B: either)"
+        "--where",
+        nargs="+",
+        default=[],
+        metavar="COLUMN=VALUE",
+        help="only items of these (A,B, or the column again: either)",
     )
     parser.add_argument(
         "--look", default="clay", help="look of the pictures; 'material' is that of the item's"
@@ -41,6 +45,8 @@ def main(argv: list[str]) -> int:
         raise UsageError(f"export: --max-mb must be greater than 0, not {chosen.max_mb:g}")
     if chosen.output.exists() and (not chosen.output.is_dir() or any(chosen.output.iterdir())):
         raise UsageError(f"export: {chosen.output} is not empty; name a new folder")
+    if chosen.output.resolve() == Path.cwd():
+        raise UsageError("export: the folder you stand in cannot be replaced; name a new one")
     _export(chosen)
     return 0
 
@@ -86,11 +92,17 @@ def _new_folder(final: Path):
         shutil.rmtree(partial, ignore_errors=True)
 
 
-def _conditions(texts: list[str]) -> dict[str, list[str]]:
-    found = {}
+def _conditions(texts: list[str]) -> dict[str, list]:
+    from vibraverse.dataset.schema import INDEX_COLUMNS
+
+    found: dict[str, list] = {}
     for text in texts:
         column, equals, values = text.partition("=")
         if not equals:
             raise UsageError(f"export: --where takes COLUMN=VALUE, not {text!r}")
-        found[column] = values.split(",")
+        kind = INDEX_COLUMNS[column][0] if column in INDEX_COLUMNS else str
+        try:
+            found.setdefault(column, []).extend(map(kind, values.split(",")))
+        except ValueError:
+            raise UsageError(f"export: {column} is a number in every row, not {values!r}") from None
     return found

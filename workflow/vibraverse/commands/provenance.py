@@ -10,12 +10,13 @@ from pathlib import Path
 from vibraverse import products
 from vibraverse.cli import UsageError
 from vibraverse.commands import counted
+from vibraverse.dataset.chain import shards_in
 from vibraverse.dataset.schema import MAKING
-from vibraverse.lineage import Made, chain, jobs, makers, packed_jobs
+from vibraverse.lineage import Made, chain, jobs, logged, makers, packed_jobs
 from vibraverse.paths import Paths
 from vibraverse.refusal import read_refusal
 
-#: Objects of a shard whose chains are printed without being asked for.
+#: Objects of a shard whose chains are told without being asked for.
 _SHOWN = 3
 
 
@@ -49,6 +50,12 @@ def main(argv: list[str]) -> int:
     if chosen.commands:
         print("\n".join([*(made.command() for made in found), *(command for _, command in last)]))
         return 0
+    objects = {made.object for made in found}
+    if len(objects) > _SHOWN:
+        print(
+            f"# {counted(len(objects), 'object')}, of which --object ID shows one; each is made of its own source."
+        )
+        found = []
     for made in found:
         print(_told(made))
     print("\n".join(f"{what}\n    again  {command}" for what, command in last))
@@ -77,7 +84,7 @@ def _of_dataset(
     import h5py
 
     is_shard = inside.startswith("dataset/shards/")
-    shards = [file] if is_shard else sorted(Path(paths.shard).parent.glob("*.h5"))
+    shards = [file] if is_shard else shards_in(paths.dataset)
     held: dict[str, list[Made]] = {}
     last = []
     for shard in shards:
@@ -100,11 +107,6 @@ def _of_dataset(
     if not held and only is not None:
         raise UsageError(f"{file} holds no object {only!r}; index.tsv lists what there is")
     last += [] if is_shard else _after_shards(paths, shards, file, inside)
-    if len(held) > _SHOWN:
-        print(
-            f"# {counted(len(held), 'object')}, of which --object ID shows one; each is made of its own source."
-        )
-        held = {}
     return [made for each in held.values() for made in each], last
 
 
@@ -117,6 +119,8 @@ def _after_shards(paths: Paths, shards: list[Path], file: Path, inside: str) -> 
     if Path(paths.dataset_config).is_file():
         words += ["--resolved", paths.config, "--config", paths.dataset_config]
     made = products.read_provenance(record)
+    if "kept" in made["input_sha256"]:
+        words += [f"--kept={file}" for file in logged(paths.log("index"), "--kept=") or ["FILE"]]
     options = json.dumps(made["options"], ensure_ascii=False)
     command = _command([*words, "--sums", paths.dataset_sums, "--options", options])
     found = [(f"{_versions(made)}\n    makes  {record}", command)]

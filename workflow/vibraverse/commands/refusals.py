@@ -6,14 +6,14 @@ import argparse
 from dataclasses import dataclass
 from pathlib import Path
 
-from vibraverse import products
+from vibraverse import guard, products
 from vibraverse.cli import UsageError
-from vibraverse.commands import counted, run_arguments, run_paths, share
+from vibraverse.commands import counted, run_arguments, run_paths, run_solidities, share
 from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.tables import from_tsv
 from vibraverse.paths import SOLIDITIES, Paths
-from vibraverse.rebuild import last_products, shards_of
+from vibraverse.rebuild import in_order
 from vibraverse.refusal import REASONS, read_refusal
 
 #: Refusals of one reason that a listing shows.
@@ -34,8 +34,7 @@ def main(argv: list[str]) -> int:
         "--solidities",
         nargs="+",
         choices=SOLIDITIES,
-        default=SOLIDITIES,
-        help="bodies to expect (default: both)",
+        help="bodies to expect (default: as configured)",
     )
     parser.add_argument(
         "--retry",
@@ -63,11 +62,12 @@ def main(argv: list[str]) -> int:
         state = _recorded(chosen.record)
     else:
         paths = run_paths(chosen)
-        found = _scan(paths, chosen.objects, chosen.solidities)
+        solidities = chosen.solidities or run_solidities(chosen)
+        found = _scan(paths, chosen.objects, solidities)
         if chosen.retry is not None:
             return _retry(paths, found, chosen.retry)
         rows = [row for object_id, refusals in found.items() for row in refusals.rows(object_id)]
-        gone = sum(refusals.is_refused(chosen.solidities) for refusals in found.values())
+        gone = sum(refusals.is_refused(solidities) for refusals in found.values())
         state = State(len(found), gone, rows)
     print(listing(state), end="")
     accepted = chosen.check is None or state.share <= chosen.check
@@ -150,30 +150,38 @@ def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refu
 def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
     for name in asked:
         _known(name, [*REASONS, *found], "reason or object")
-    deleted, touched = 0, set()
+    lock = guard.only_run(paths.results)
+    try:
+        _delete(paths, found, asked)
+    finally:
+        if lock is not None:
+            lock.close()
+    return 0
+
+
+def _delete(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> None:
+    refused, touched = [], set()
     for object_id in found:
         folder = Path(paths.at(paths.object, object=object_id))
         for path in sorted(folder.rglob("*")) if any(found[object_id]) else ():
             refusal = read_refusal(path)
             if refusal and (not asked or refusal.reason in asked or object_id in asked):
-                path.unlink()
-                deleted += 1
+                refused.append(path)
                 touched.add(object_id)
-    for path in last_products(paths, shards_of(paths, touched)) if touched else ():
-        path.unlink()
+    for path in in_order(paths, refused, touched) if touched else ():
+        path.unlink(missing_ok=True)
     if touched:
         print(
-            f"Deleted {counted(deleted, 'refused product')} of {counted(len(touched), 'object')}; "
+            f"Deleted {counted(len(refused), 'refused product')} of {counted(len(touched), 'object')}; "
             "the next run makes them again."
         )
     else:
         print("Nothing to retry.")
-    return 0
 
 
 def _known(name: str, known: list[str], kind: str) -> None:
     if name not in known:
-        from vibraverse.config import unknown
+        from vibraverse.texts import unknown
 
         shown = known if len(known) <= 20 else [*known[:19], f"and {len(known) - 19} more"]
         raise UsageError(unknown(kind, name, shown))

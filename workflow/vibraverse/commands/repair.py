@@ -8,16 +8,16 @@ from pathlib import Path
 from vibraverse import guard
 from vibraverse.cli import UsageError
 from vibraverse.commands import run_arguments, run_paths
-from vibraverse.dataset.chain import objects_in
+from vibraverse.dataset.chain import objects_in, shards_in
 from vibraverse.paths import Paths
-from vibraverse.rebuild import last_products, packed_products, shards_of, wrong_dataset, wrong_products
+from vibraverse.rebuild import in_order, packed_products, wrong_dataset, wrong_products
 
 #: Wrong products that are printed.
 _SHOWN = 50
 
 
 def main(argv: list[str]) -> int:
-    """Print the wrong products; with ``--delete`` delete them. Return 1 when some are wrong and were left."""
+    """Print the wrong products; with ``--delete`` delete them. Return 1 when something wrong was left."""
     parser = argparse.ArgumentParser(
         prog="vibraverse repair",
         parents=[run_arguments()],
@@ -42,28 +42,31 @@ def main(argv: list[str]) -> int:
 def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool) -> int:
     found = _wrong(paths, objects, has_dataset)
     for wrong in found[:_SHOWN]:
-        print(f"{wrong.path}: {wrong.sentence}\n    made by {wrong.by}, with {len(wrong.files)} files")
+        by = f"\n    made by {wrong.by}, with {len(wrong.files)} files" if wrong.by else ""
+        print(f"{wrong.path}: {wrong.sentence}{by}")
     if len(found) > _SHOWN:
         print(f"… and {len(found) - _SHOWN} more")
     if not found:
         print("Nothing is wrong: every product is what later ones were made from.")
         return 0
-    files = dict.fromkeys(file for wrong in found for file in wrong.files)
-    touched = shards_of(paths, {wrong.object for wrong in found if wrong.object})
-    files.update(dict.fromkeys(last_products(paths, touched)))
+    ours = [wrong for wrong in found if wrong.by]
+    if not ours:
+        return 1
+    objects = {wrong.object for wrong in ours if wrong.object}
+    files = in_order(paths, (file for wrong in ours for file in wrong.files), objects)
     if not delete:
         print(f"{len(files)} files to make again: `vibraverse repair --delete`, then run the workflow.")
         return 1
     for file in files:
         file.unlink(missing_ok=True)
     print(f"Deleted {len(files)} files; the next run makes them and what depends on them again.")
-    return 0
+    return int(len(ours) < len(found))
 
 
 def _wrong(paths: Paths, objects: list[str], has_dataset: bool) -> list:
     found = list(wrong_dataset(paths)) if has_dataset else []
     packed: dict[str, tuple[dict, float]] = {}
-    for shard in sorted(Path(paths.shard).parent.glob("*.h5")):
+    for shard in shards_in(paths.dataset):
         at = shard.stat().st_mtime
         packed.update({name: (products, at) for name, products in (packed_products(shard) or {}).items()})
     for object_id in objects:

@@ -18,7 +18,7 @@ from pathlib import Path
 
 from vibraverse import products
 from vibraverse.cli import UsageError, set_threads
-from vibraverse.config import ConfigError, unknown, validate
+from vibraverse.config import ConfigError, validate
 from vibraverse.config.geometry import Hollow, Tets
 from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
@@ -26,6 +26,7 @@ from vibraverse.config.sources import SourceEntry
 from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.refusal import Refused, read_refusal
+from vibraverse.texts import unknown
 
 _OVERRIDES = {
     "density_kg_m3": "rho",

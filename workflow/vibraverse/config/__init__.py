@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import os
 from pathlib import Path
@@ -18,6 +17,7 @@ from vibraverse.config.sources import Sources
 from vibraverse.dataset.splits import JOIN, slice_numbers
 from vibraverse.media.looks import LOOKS
 from vibraverse.physics.materials import MATERIALS, sampled_number
+from vibraverse.texts import unknown
 
 
 class ConfigError(ValueError):
@@ -159,13 +159,6 @@ class Config(Section):
         return self
 
 
-def unknown(kind: str, name: str, known) -> str:
-    """Return the sentence for an unknown name, with the nearest known one."""
-    near = difflib.get_close_matches(str(name), [str(k) for k in known], n=1, cutoff=0.5)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"unknown {kind} {str(name)!r}{hint} (known: {', '.join(map(str, known))})"
-
-
 def parse(values: dict | None) -> Config:
     """Return the validated configuration, or raise :class:`ConfigError` with one sentence."""
     return validate(Config, values or {})
@@ -292,6 +285,5 @@ __all__ = [
     "parse",
     "schema_text",
     "section_in",
-    "unknown",
     "validate",
 ]

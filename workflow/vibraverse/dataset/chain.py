@@ -76,6 +76,11 @@ def objects_in(paths: Paths) -> list[str]:
     return sorted(entry.name for entry in folder.iterdir() if entry.is_dir()) if folder.is_dir() else []
 
 
+def shards_in(dataset: str | Path) -> list[Path]:
+    """Return the shards in a dataset's folder, sorted, without those that a killed job left half-written."""
+    return [shard for shard in sorted(Path(dataset, "shards").glob("*.h5")) if not shard.name.startswith(".")]
+
+
 def _first(paths: Paths, chain: tuple[str, ...], **wildcards: str) -> Refusal | None:
     for product in chain:
         refusal = read_refusal(paths.at(getattr(paths, product), **wildcards))

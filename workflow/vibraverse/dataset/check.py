@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vibraverse import products
+from vibraverse.dataset.chain import shards_in
 from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
 from vibraverse.dataset.tables import to_tsv
 from vibraverse.limits import run_limited
@@ -27,11 +28,15 @@ TABLES = {"index.tsv": ("items", INDEX_COLUMNS), "refusals.tsv": ("refusals", RE
 
 
 class Finding(NamedTuple):
-    """Something wrong: the file below the dataset's folder, the object (empty: none, or not known), and a sentence."""
+    """Something wrong: the file below the dataset's folder, the object (empty: none, or not known), and a sentence.
+
+    A ``stranger`` is a file that belongs to somebody else.
+    """
 
     file: str
     object: str
     sentence: str
+    stranger: bool = False
 
     def __str__(self) -> str:
         return f"{self.file}: {self.object + ': ' if self.object else ''}{self.sentence}"
@@ -55,7 +60,11 @@ def findings(path: str | Path, share: float = 0.0) -> Iterator[Finding]:
     stated, wrong = _stated(record)
     sums, more = _sums(path / SUMS, {*actual, *stated})
     yield from (*wrong, *more)
+    ours = {RECORD, *stated, *sums} if stated or sums else actual.keys()
     for name in dict.fromkeys([*stated, *sums, *actual]):
+        if name not in ours:
+            yield Finding(name, "", "it is no file of this dataset: move it away", stranger=True)
+            continue
         said_by = {RECORD: stated.get(name), SUMS: sums.get(name)}
         if name == RECORD or not stated:
             del said_by[RECORD]
@@ -91,9 +100,8 @@ def _file(path: Path, name: str, actual: str | None, said_by: dict, share: float
 
 def _there(path: Path) -> list[str]:
     """Return the files of a dataset's folder, below it, without what belongs to no finished dataset."""
-    shards = sorted(file.name for file in (path / SHARDS).glob("*.h5") if not file.name.startswith("."))
     others = sorted(file.name for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
-    return [*(SHARDS + name for name in shards), *(name for name in others if name != SUMS)]
+    return [*(SHARDS + shard.name for shard in shards_in(path)), *(name for name in others if name != SUMS)]
 
 
 def _stated(record: Path) -> tuple[dict[str, str], list[Finding]]:
@@ -155,7 +163,7 @@ def _table(path: Path, name: str) -> list[Finding]:
     from vibraverse.dataset.reader import Reader, splits_at
 
     try:
-        with Reader(sorted((path / SHARDS).glob("*.h5")), splits=splits_at(path)) as reader:
+        with Reader(shards_in(path), splits=splits_at(path)) as reader:
             rows = getattr(reader, TABLES[name][0])
             expected = to_tsv(rows, TABLES[name][1]).splitlines()
     except Exception:  # a broken shard has its own finding

@@ -12,7 +12,6 @@ from collections import OrderedDict
 import numpy as np
 
 from vibraverse.basisfile import read_basis
-from vibraverse.config import unknown
 from vibraverse.config.physics import Sampled
 from vibraverse.dataset import schema
 from vibraverse.dataset.reader import Reader
@@ -20,6 +19,7 @@ from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.physics.materials import drawn
 from vibraverse.physics.modes import solve_material
 from vibraverse.seeds import rng
+from vibraverse.texts import unknown
 
 #: Name of the material of every item.
 FRESH = "fresh"

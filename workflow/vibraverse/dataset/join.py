@@ -33,16 +33,20 @@ def join_datasets(folders: Sequence[Path], out: Path) -> int:
     """Write a view of datasets (folders, or single shards) to ``out``; return how many objects it holds.
 
     An object that several hold counts once when it is the same in all. Raises :class:`NotAlike` when the datasets were
-    made differently or hold different objects of one name, :class:`ValueError` for a shard of another schema, and
-    :class:`FileNotFoundError` for what is no dataset.
+    made differently or hold different objects of one name, :class:`ValueError` for a shard of another schema or an
+    ``out`` that holds something else than a view, and :class:`FileNotFoundError` for what is no dataset.
     """
     import h5py
 
+    shards = [(folder, shard) for folder in folders for shard in shards_at(folder)]
+    if out.resolve() in [shard.resolve() for _, shard in shards]:
+        raise ValueError(f"{out} is one of the files to join; name another for the view")
+    if out.exists() and not _is_view(out):
+        raise ValueError(f"{out} is there and no view of datasets; name a new file")
     view = _View(out)
-    for folder in folders:
-        for shard in shards_at(folder):
-            with Reader([shard], splits=splits_at(folder)) as reader, h5py.File(shard) as h5:
-                view.add(folder, shard, reader, h5)
+    for folder, shard in shards:
+        with Reader([shard], splits=splits_at(folder)) as reader, h5py.File(shard) as h5:
+            view.add(folder, shard, reader, h5)
     with products.whole(out) as partial, h5py.File(partial, "w") as h5:
         groups = h5.create_group("objects")
         for object_id, place in sorted(view.links.items()):
@@ -56,6 +60,15 @@ def join_datasets(folders: Sequence[Path], out: Path) -> int:
             h5.create_dataset(name, data=to_tsv(sorted(rows, key=lambda row: row["object"]), columns))
         h5.create_dataset(schema.MAKING, data=json.dumps(join(view.makings), ensure_ascii=False))
     return len(view.links)
+
+
+def _is_view(path: Path) -> bool:
+    import h5py
+
+    if not path.is_file() or not h5py.is_hdf5(path):
+        return False
+    with h5py.File(path) as h5:  # only a view holds splits
+        return h5.attrs.get("format") == schema.FORMAT and schema.SPLITS in h5
 
 
 class _View:

@@ -22,6 +22,7 @@ from vibraverse.dataset.tables import to_tsv
 from vibraverse.paths import Paths
 from vibraverse.products import read_provenance, sha256
 from vibraverse.refusal import Refusal
+from vibraverse.texts import storable
 
 #: Arrays of fewer bytes than this are stored as they are.
 _SMALL = 4096
@@ -104,10 +105,12 @@ def write_field(group, path: str, value) -> None:
     if field.is_attribute:
         place, name = path.split("@")
         holder = group.require_group(place) if place and place not in group else group[place or "."]
-        holder.attrs[name] = str(value) if field.is_text else np.asarray(value, dtype=field.dtype)[()]
+        holder.attrs[name] = (
+            storable(str(value)) if field.is_text else np.asarray(value, dtype=field.dtype)[()]
+        )
         return
     if field.is_text:
-        group.create_dataset(path, data=value)
+        group.create_dataset(path, data=storable(value))
         return
     if field.dtype == "png":
         dataset = group.create_dataset(path, (len(value),), dtype=h5py.vlen_dtype(np.uint8))

@@ -1,6 +1,6 @@
 """Reading a dataset with NumPy alone.
 
-Handles open late and once per process, so a reader may be handed to data-loader workers: each opens its own.
+Handles open late and in each process anew, so a reader may be handed to data-loader workers: each opens its own.
 """
 
 from __future__ import annotations
@@ -13,15 +13,18 @@ from pathlib import Path
 
 import numpy as np
 
-from vibraverse.config import unknown
 from vibraverse.dataset import schema
 from vibraverse.dataset.sampled import read_sampled, rows_of
 from vibraverse.dataset.splits import SPLIT_COLUMNS
 from vibraverse.dataset.tables import from_tsv
 from vibraverse.physics.materials import sampled_number
+from vibraverse.texts import unknown
 
 #: What a sample holds unless asked otherwise: what every task needs, small, and of one shape for all bodies.
 DEFAULT_FIELDS = ("frequencies_hz", "damping_per_s", "size_m", "density_kg_m3", "young_pa", "poisson")
+
+#: Shards that a process keeps open: a system allows some 1,000 files, and a worker is not alone.
+_MOST_OPEN = 64
 
 
 class Reader:
@@ -51,16 +54,21 @@ class Reader:
         self.refusals: list[dict] = []
         self._shard_of: dict[str, str] = {}
         for name in self.shards:
-            file = self._open(name)
-            strange = schema.strange(file)
-            if strange:
-                raise ValueError(f"{self.shards[name]}: {strange}")
-            self.items += from_tsv(file[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
-            self.refusals += from_tsv(file[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
-            self._shard_of.update(dict.fromkeys(file["objects"], name))
+            self._read_tables(name)
         self.items.sort(key=lambda row: row["object"])
         self.place(splits or {})
         self.refusals.sort(key=lambda row: row["object"])
+
+    def _read_tables(self, shard: str) -> None:
+        import h5py
+
+        with h5py.File(self.shards[shard]) as h5:
+            strange = schema.strange(h5)
+            if strange:
+                raise ValueError(f"{self.shards[shard]}: {strange}")
+            self.items += from_tsv(h5[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
+            self.refusals += from_tsv(h5[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
+            self._shard_of.update(dict.fromkeys(h5["objects"], shard))
 
     def __len__(self) -> int:
         return len(self.items)
@@ -203,9 +211,12 @@ class Reader:
 
         if self._process != os.getpid():  # forked: HDF5 handles must not be shared between processes
             self._handles, self._process = {}, os.getpid()
-        if shard not in self._handles:
-            self._handles[shard] = h5py.File(self.shards[shard], "r")
-        return self._handles[shard]
+        handle = self._handles.pop(shard, None) or h5py.File(self.shards[shard], "r")
+        self._handles[shard] = handle  # the latest used stand last
+        if len(self._handles) > _MOST_OPEN:
+            # Not closed but let go: HDF5 closes a file when nothing of it is in use any more.
+            del self._handles[next(iter(self._handles))]
+        return handle
 
 
 def shards_at(path: str | Path) -> list[Path]:

@@ -15,6 +15,7 @@ from vibraverse.dataset import schema
 from vibraverse.dataset.checksums import differences
 from vibraverse.dataset.fields import FIELDS
 from vibraverse.dataset.invariants import violated
+from vibraverse.dataset.making import VARIES
 from vibraverse.dataset.pack import index_row
 from vibraverse.dataset.ranges import outside
 from vibraverse.dataset.tables import Columns, from_tsv, to_tsv
@@ -41,6 +42,8 @@ def problems(h5, repeats=None) -> list[tuple[str, str]]:
         refusals = _by_object(h5[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
         making = json.loads(h5[schema.MAKING].asstr()[()])
         names = list(h5["objects"])
+        looks = making.get("images", {}).get("options", {}).get("looks")
+        optional = [schema.BY_NAME["views"].path] if looks in ([], VARIES) else []
     except Exception as error:
         return [("", f"its own tables cannot be read ({_said(error)})")]
     found = []
@@ -49,7 +52,7 @@ def problems(h5, repeats=None) -> list[tuple[str, str]]:
         try:
             group = h5["objects"][object_id]
             told = rows.get(object_id, []), refusals.get(object_id, [])
-            sentences.extend(_of_object(object_id, group, *told))
+            sentences.extend(_of_object(object_id, group, *told, optional))
             if not sentences and repeats is not None:
                 sentences.extend(repeats(object_id, group, making))
         except Exception as error:
@@ -68,8 +71,10 @@ def _by_object(table: str, columns: Columns) -> dict[str, list[dict]]:
     return found
 
 
-def _of_object(object_id: str, group, rows: list[dict], refusals: list[dict]) -> Iterator[str]:
-    """Yield what is wrong with one object; checksums first, for they say most."""
+def _of_object(
+    object_id: str, group, rows: list[dict], refusals: list[dict], optional: list[str]
+) -> Iterator[str]:
+    """Yield what is wrong with one object; checksums first, for they say most. It may lack what is ``optional``."""
     if schema.CHECKSUMS not in group:
         yield f"it has no {schema.CHECKSUMS!r}"
         return
@@ -83,7 +88,9 @@ def _of_object(object_id: str, group, rows: list[dict], refusals: list[dict]) ->
     for path in unknown:
         del contents[path]
     strange = [f"the dataset has no field at {path!r}" for path in unknown]
-    missing = [f"{path} is missing" for path in _expected(group) if path not in contents]
+    missing = [
+        f"{path} is missing" for path in _expected(group) if path not in contents and path not in optional
+    ]
     for sentence in (*strange, *_fields(contents), *missing, *_shapes(contents)):
         sound = False
         yield sentence

@@ -9,11 +9,12 @@ import re
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from vibraverse.config import Config, ConfigError, unknown
+from vibraverse.config import Config, ConfigError
 from vibraverse.sources.bundled import BUNDLED
 from vibraverse.sources.families import FAMILIES
 from vibraverse.sources.files import NoMeshes, find
 from vibraverse.sources.manifest import Row, is_manifest, read_manifest
+from vibraverse.texts import unknown
 
 
 @dataclass(frozen=True)

@@ -129,7 +129,7 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
 
 def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
     """Return where each column stands; raises :class:`NoMeshes` for names that are unknown, doubled or missing."""
-    from vibraverse.config import unknown
+    from vibraverse.texts import unknown
 
     columns: dict[str, int] = {}
     mistakes = []
@@ -151,7 +151,7 @@ def _row_mistakes(
     manifest: Path, values: dict[str, str], categories: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
     """Yield the column and the sentence of everything that is wrong with one row."""
-    from vibraverse.config import unknown
+    from vibraverse.texts import unknown
 
     path = values["path"]
     if not path:

@@ -11,11 +11,11 @@ def run(job: Job) -> None:
     import h5py
 
     from vibraverse.cli import UsageError
-    from vibraverse.config import unknown
     from vibraverse.media import audio
     from vibraverse.modesfile import read_spectrum
     from vibraverse.physics.impulse import contact, impact_sound
     from vibraverse.physics.materials import sampled_name
+    from vibraverse.texts import unknown
 
     for path in job.final["sounds"]:
         if path.suffix != ".wav":

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from vibraverse import products
-from vibraverse.config import unknown
 from vibraverse.config.dataset import IndexOptions
 from vibraverse.stage import Job, Stage
+from vibraverse.texts import unknown
 
 
 def run(job: Job) -> None:

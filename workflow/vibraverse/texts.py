@@ -1,0 +1,21 @@
+"""Sentences and texts from files, made fit to be shown and stored. Imports nothing but the standard library."""
+
+from __future__ import annotations
+
+import difflib
+import re
+
+#: Control characters but white space, and halves of characters: HDF5 holds no NUL, UTF-8 no half.
+_UNFIT = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+
+
+def storable(text: str) -> str:
+    """Return a text with a blank for every character that a file or a terminal cannot be trusted with."""
+    return _UNFIT.sub(" ", text)
+
+
+def unknown(kind: str, name: str, known) -> str:
+    """Return the sentence for an unknown name, with the nearest known one."""
+    near = difflib.get_close_matches(str(name), [str(k) for k in known], n=1, cutoff=0.5)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"unknown {kind} {str(name)!r}{hint} (known: {', '.join(map(str, known))})"
