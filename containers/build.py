@@ -23,7 +23,7 @@ import time
 from pathlib import Path
 
 from vibraverse import containers
-from vibraverse.config import unknown
+from vibraverse.texts import unknown
 
 #: Packs three times as fast as the default and unpacks faster; every kernel since 4.14 reads it.
 _PACKING = ["--mksquashfs-args", "-comp zstd -Xcompression-level 6"]
