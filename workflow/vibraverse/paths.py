@@ -15,9 +15,8 @@ class Paths:
     """The path patterns below one results folder."""
 
     def __init__(self, results: str | Path = "results"):
-        self.results = str(
-            Path(results)
-        )  # without a stroke at the end or a leading ./, as all paths from here on
+        # Without a stroke at the end or a leading ./, as all paths from here on.
+        self.results = str(Path(results))
         object_ = f"{self.results}/objects/{{object}}"
         body = f"{object_}/{{solidity}}"
         self.object, self.body = object_, body

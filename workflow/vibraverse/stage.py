@@ -204,14 +204,8 @@ def _left_over(job: Job) -> list[Path]:
     try:
         before = products.read_provenance(record)["output_sha256"]
         listed = {record.parent / name: sha256 for key in several for name, sha256 in before[key].items()}
-    except (
-        OSError,
-        ValueError,
-        LookupError,
-        TypeError,
-        AttributeError,
-    ):  # no record, a refusal, or anything else
-        return []
+    except (OSError, ValueError, LookupError, TypeError, AttributeError):
+        return []  # no record, a refusal, or anything else
     made = {path.absolute() for path in _flat(job.final)}
     return [
         path
