@@ -31,9 +31,9 @@ _SMOOTHING = 0.6
 #: A cavity ends where it would reach less than this many samples, more when its surface cannot be remade otherwise; how
 #: deep the body is nearby is looked for so many samples around, and blurred over so many.
 _BLADES, _NEARBY, _BLURRED = (0.75, 1.0, 1.5, 2.0, 3.0), 3, 2
-#: A level set with more triangles than this is a blade: each try takes long, so every other is left out. One that
-#: cannot be remade is handed on as it is up to so many triangles.
-_LARGE, _RAW = 300_000, 100_000
+#: A level set with more triangles than this is a blade: each try takes long, so every other is left out. A cavity is
+#: handed on with at most so many triangles, remade or, where that cannot be, as it is.
+_LARGE, _LARGEST = 300_000, 100_000
 #: A cavity smaller than a ball of this many samples' radius is a speck.
 _SPECK = 1.5
 #: Before a level set is remade, triangles go where that moves it by at most this many samples; of these the first with
@@ -125,7 +125,7 @@ def hollow(
             break
         if len(cavity[1]) > _LARGE:
             next(blades, None)
-    if cavity is not None and tidied is None and len(cavity[1]) > _RAW:
+    if cavity is not None and tidied is None and len(cavity[1]) > _LARGEST:
         raise Refused(
             "too_thin",
             f"The cavity would be a blade of {len(cavity[1])} triangles, which cannot be remade with fewer.",
@@ -276,20 +276,29 @@ def _isosurface(samples: _Samples, level: float, blade: float) -> Mesh:
     return points, repair.orient(points, triangles)
 
 
+def _thinned(cavity: Mesh, spacing: float) -> Mesh:
+    """Return the cavity's surface with fewer triangles where that hardly moves it and it does not cut itself then."""
+    for flat in _FLAT:
+        thinned = repair.simplify(*cavity, flat * spacing)
+        if not crossing_faces(*thinned).any():
+            return thinned
+    return cavity
+
+
 def _tidied(cavity: Mesh, closest: ClosestPoint, wall: float, spacing: float) -> Mesh | None:
     """Return the cavity's surface with fewer, better triangles that keep clear of the outside and of each other.
 
     No edge is kept sharp, because those of a level set are ragged. Returns None when sheets of it are too close.
     """
-    for flat in _FLAT:
-        thinned = repair.simplify(*cavity, flat * spacing)
-        if not crossing_faces(*thinned).any():
-            cavity = thinned
-            break
+    cavity = _thinned(cavity, spacing)
     components = surfaces.topology(cavity[1], len(cavity[0])).components
     try:
         points, triangles = remesh(
-            *cavity, max(4 * spacing, _SIZE), min(0.5 * spacing, 0.15 * wall), ridge_deg=180.0
+            *cavity,
+            max(4 * spacing, _SIZE),
+            min(0.5 * spacing, 0.15 * wall),
+            ridge_deg=180.0,
+            most=_LARGEST,
         )
     except RuntimeError:
         return None

@@ -102,19 +102,24 @@ class Evened:
 
 
 def remesh(
-    vertices: np.ndarray, faces: np.ndarray, size: float, deviation: float, ridge_deg: float = 35.0
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    size: float,
+    deviation: float,
+    ridge_deg: float = 35.0,
+    most: float = np.inf,
 ) -> Mesh:
     """Return the closed surface remade with edges of about ``size``, of the same volume, not cutting itself.
 
     ``deviation`` bounds the distance from the original: where the surface bends, triangles shrink until they keep it.
     Ridges, where the normal turns by more than ``ridge_deg`` along at least about half a size, stay sharp. Where two
     sheets are so close that the remade ones cut each other, these are remade finer. Raises :class:`SheetsMeet` when
-    they still do in the end, ``RuntimeError`` when Mmg fails.
+    they still do in the end or it would take more than ``most`` triangles, ``RuntimeError`` when Mmg fails.
     """
     closest, body = ClosestPoint(vertices, faces), (vertices, faces)
     vertices, faces = repair.split(vertices, faces, _LONG * size)
     start = vertices, faces, ridges(vertices, faces, ridge_deg, _SHORTEST * size)
-    return _remade(closest, body, start, np.full(len(vertices), float(size)), deviation)
+    return _remade(closest, body, start, np.full(len(vertices), float(size)), deviation, most=most)
 
 
 def _remade(
@@ -124,6 +129,7 @@ def _remade(
     local: np.ndarray,
     deviation: float,
     yielding: bool = False,
+    most: float = np.inf,
 ) -> Mesh:
     """Remake the surface ``start`` with edges of ``local`` (V,) and fit it to that of ``body``.
 
@@ -138,18 +144,20 @@ def _remade(
             fitted = _yielded(points, fitted, triangles)
         return fitted, closest.distance(_samples(fitted, triangles)).reshape(-1, 3).max(axis=1) > tolerated
 
-    return _mended(start, local, deviation, fit)[:2]
+    return _mended(start, local, deviation, fit, most)[:2]
 
 
-def _mended(start: tuple, local: np.ndarray, deviation: float, fit: Callable | None = None) -> tuple:
+def _mended(
+    start: tuple, local: np.ndarray, deviation: float, fit: Callable | None = None, most: float = np.inf
+) -> tuple:
     """Return what Mmg makes of ``start``, finer where that cuts itself or leaves the original, and its ridges.
 
     ``start`` is vertices (V, 3), faces (F, 3) and ridges (E, 2). ``fit`` returns where the vertices should be and which
     faces (F,) are then too far from the original; if some stay so they are tolerated. Raises :class:`SheetsMeet` when
-    the surface still cuts itself in the end.
+    the surface still cuts itself in the end, or does so until it has more than ``most`` triangles.
     """
     vertices, faces, sharp = start
-    found, most = None, np.inf
+    found = None
     for _ in range(_MENDED):
         try:
             points, triangles, edges = _mmg(vertices, faces, local, deviation, sharp)
@@ -158,6 +166,8 @@ def _mended(start: tuple, local: np.ndarray, deviation: float, fit: Callable | N
                 raise
             break
         if len(triangles) > most:
+            if found is None:
+                raise SheetsMeet(f"the remade surface would have {len(triangles)} triangles")
             break
         spoilt = far = _spoilt(points, triangles)
         if fit is not None and not spoilt.any():
