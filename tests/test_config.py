@@ -282,3 +282,11 @@ def test_the_table_of_materials(vibraverse):
         "s",
     ]
     assert lines[1].split() == ["ceramic", "2700", "7.2e+10", "0.19", "6", "1e-07"]
+
+
+def test_a_configuration_without_objects_is_refused(vibraverse, tmp_path):
+    path = tmp_path / "config.yaml"
+    path.write_text("sources: {generated: {count: 0}, bundled: []}\n")
+    status, _, errors = vibraverse("config", "check", path)
+    assert status == 2
+    assert "sources: no object is named" in errors

@@ -42,7 +42,13 @@ class Plan:
         self.objects: dict[str, Entry] = {}
         self.shards: dict[str, list[str]] = {}
         mine = {self._name(shard) for shard in self.owned} if sliced else None
-        for object_, entry in catalogue(self.config).items():
+        entries = catalogue(self.config)
+        if not entries:
+            raise ConfigError(
+                "sources: no object is named; raise sources.generated.count, or name some in sources.bundled, "
+                "sources.files or sources.objaverse.uids"
+            )
+        for object_, entry in entries.items():
             shard = self.shard_of(object_)
             if mine is None or shard in mine:
                 self.objects[object_] = entry
