@@ -68,7 +68,8 @@ def visible() -> list[GPU]:
 def _shown(gpus: list[GPU], shown: str) -> list[GPU]:
     """Return those that ``CUDA_VISIBLE_DEVICES`` shows: numbers or beginnings of UUIDs.
 
-    As CUDA does it ends at the first that is no device, or one again."""
+    As CUDA does it ends at the first that is no device, or one again.
+    """
     chosen = []
     for word in filter(None, (word.strip() for word in shown.split(","))):
         if word.startswith("MIG-"):  # a part of a device, which a scheduler has chosen

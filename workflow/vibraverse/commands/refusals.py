@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -150,12 +151,8 @@ def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refu
 def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
     for name in asked:
         _known(name, [*REASONS, *found], "reason or object")
-    lock = guard.only_run(paths.results)
-    try:
+    with guard.only_run(paths.results) or nullcontext():
         _delete(paths, found, asked)
-    finally:
-        if lock is not None:
-            lock.close()
     return 0
 
 

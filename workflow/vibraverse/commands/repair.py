@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import nullcontext
 from pathlib import Path
 
 from vibraverse import guard
@@ -31,12 +32,8 @@ def main(argv: list[str]) -> int:
     objects, has_dataset = objects_in(paths), Path(paths.dataset_record).is_file()
     if not objects and not has_dataset:
         raise UsageError(f"there is nothing in {paths.results}; is --results the folder of a run?")
-    lock = guard.only_run(paths.results) if chosen.delete else None
-    try:
+    with (guard.only_run(paths.results) if chosen.delete else None) or nullcontext():
         return _repaired(paths, objects, has_dataset, chosen.delete)
-    finally:
-        if lock is not None:
-            lock.close()
 
 
 def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool) -> int:

@@ -182,6 +182,7 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
     for _ in range(_TRIALS):
         try:
             points, triangles = body.remade(size, ridge_deg)
+            count = _OPTIMISED * len(fill(points, triangles, optimise=False)[1])
         except SheetsMeet:
             too_large, meetings = min(too_large, size), meetings + 1
             if meetings == _MEETINGS:
@@ -190,13 +191,7 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
             if meetings == _MEETINGS - 1:
                 size = min(size, _THICKNESSES * body.thickness)
             continue
-        except RuntimeError:
-            if tried:
-                break
-            raise
-        try:
-            count = _OPTIMISED * len(fill(points, triangles, optimise=False)[1])
-        except Refused:
+        except (Refused, RuntimeError):
             if tried:
                 break
             raise
