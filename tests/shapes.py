@@ -29,6 +29,17 @@ def cylinder(radius: float, height: float, sections: int = 64):
     return np.array(mesh.vertices), np.array(mesh.faces)
 
 
+def bowl(radius: float, thickness: float, sections: int = 64):
+    """Return a half-sphere of that outer radius, open upwards."""
+    from trimesh.creation import revolve
+
+    angle = np.linspace(0, np.pi / 2, sections // 2)
+    down = np.stack([np.sin(angle), -np.cos(angle)], axis=1)
+    solid = revolve(np.concatenate([radius * down, (radius - thickness) * down[::-1]]), sections=sections)
+    solid.merge_vertices()
+    return np.array(solid.vertices), np.array(solid.faces)
+
+
 def angle_bracket(side: float = 1.5, leg: float = 0.6, width: float = 0.8):
     """Return an L-shaped bar along y whose re-entrant edge lies on the y axis; its legs point up and to +x."""
     a, b = -leg, side - leg

@@ -142,6 +142,17 @@ def test_a_thin_plate_is_sampled_finer():
     assert body.cavities[0] == pytest.approx(1.74 * 0.94 * 0.06, rel=0.05)
 
 
+def test_a_thin_bowl_keeps_its_cavity():
+    """Its cavity is a thin shell with an edge all around, where fitting the triangles goes astray."""
+    vertices, faces = shapes.bowl(0.3, 0.034)
+    body = hollow(vertices, faces, Sampler(vertices, faces).signed_distance(128), 0.57)
+    check_hollow(body, vertices, faces)
+    assert body.kept > 0.95
+    # A shell of 0.43 of the thickness, up to 0.57 of half of it below the rim.
+    middle, thickness = 0.3 - 0.034 / 2, 0.43 * 0.034
+    assert body.cavities == pytest.approx([2 * np.pi * (middle**2 - middle * 0.0097) * thickness], rel=0.03)
+
+
 @pytest.mark.parametrize("thickness", [0.01, 0.03])
 def test_a_body_too_thin_for_a_cavity_is_refused(thickness):
     vertices, faces = shapes.box((1.8, 1.0, thickness))

@@ -145,6 +145,20 @@ def test_a_blemish_that_mmg_leaves_is_mended(monkeypatch):
     assert np.abs(np.linalg.norm(points, axis=1) - 0.5).max() < 2 * deviation
 
 
+def test_far_too_many_triangles_are_not_made(monkeypatch):
+    body, calls = shapes.ball(0.5), []
+    mmg = remesh_module._mmg
+    monkeypatch.setattr(remesh_module, "_mmg", lambda *a: calls.append(len(a[1])) or mmg(*a))
+    with pytest.raises(SheetsMeet, match="the remade surface would have [0-9]+ triangles"):
+        remesh(*body, 0.005, 0.001, most=100_000)
+    assert not calls
+    # Evening is left out, and the surface remade from the triangles it has.
+    fine = Evened(*body, 0.1, lambda points, size: np.full(len(points), size), 0.01, 35.0, most=2_000)
+    assert not calls
+    assert len(fine.remade(0.1, 0.01)[1]) < 2_000
+    assert calls
+
+
 def test_a_blemish_is_not_mended_at_any_price(monkeypatch):
     """Every round has twice the triangles and the blemish still; the price is that of the first, not of the last."""
     rounds = []
@@ -179,7 +193,7 @@ def test_a_later_size_that_fails_does_not_lose_an_earlier_one(monkeypatch):
 def test_where_the_fit_makes_sheets_cut_each_other_it_may_yield(monkeypatch):
     balls = shapes.together(shapes.ball(0.4, 3, (-0.42, 0, 0)), shapes.ball(0.4, 3, (0.42, 0, 0)))
 
-    def pushed(closest, wanted, points, triangles):
+    def pushed(closest, wanted, points, triangles, tolerated):
         near = np.abs(points[:, :1]) < 0.08
         return points - near * np.sign(points[:, :1]) * [0.05, 0.0, 0.0]
 

@@ -71,8 +71,8 @@ class Evened:
     Where sheets are so close that it would cut itself the triangles are smaller, or in the end those of the original.
     Ridges, where the normal of the original turns by more than ``ridge_deg`` along at least half a size, stay sharp.
     ``sizing(points, size)`` gives the edge lengths (P,) wanted at points (P, 3) when they are ``size`` far from where
-    the body needs smaller ones; ``deviation`` bounds the distance from the original. Raises ``RuntimeError`` when Mmg
-    fails.
+    the body needs smaller ones; ``deviation`` bounds the distance from the original. It has at most ``most`` triangles,
+    and so has what is remade of it. Raises ``RuntimeError`` when Mmg fails.
     """
 
     def __init__(
@@ -83,14 +83,16 @@ class Evened:
         sizing: Callable[[np.ndarray, float], np.ndarray],
         deviation: float,
         ridge_deg: float,
+        most: float = np.inf,
     ):
-        self.size, self._sizing = size, sizing
+        self.size, self._sizing, self._most = size, sizing, most
         self._closest, self._body = ClosestPoint(vertices, faces), (vertices, faces)
         vertices, faces = repair.split(vertices, faces, _LONG * size)
         sharp = ridges(vertices, faces, ridge_deg, _SHORTEST * size)
         self._start = vertices, faces, sharp
         with suppress(SheetsMeet):
-            self._start = _mended(self._start, _EVEN * sizing(vertices, size), _EVEN * deviation)
+            sizes = _EVEN * sizing(vertices, size)
+            self._start = _mended(self._start, sizes, _EVEN * deviation, most=most)
 
     def remade(self, size: float, deviation: float, yielding: bool = False) -> Mesh:
         """Return the surface as :func:`remesh` does, with edges of the lengths wanted for a size.
@@ -98,7 +100,7 @@ class Evened:
         ``yielding``: what the fit makes cut itself stays where Mmg put it, near the original but not fitted to it.
         """
         local = self._sizing(self._start[0], size)
-        return _remade(self._closest, self._body, self._start, local, deviation, yielding)
+        return _remade(self._closest, self._body, self._start, local, deviation, self._most, yielding)
 
 
 def remesh(
@@ -119,7 +121,7 @@ def remesh(
     closest, body = ClosestPoint(vertices, faces), (vertices, faces)
     vertices, faces = repair.split(vertices, faces, _LONG * size)
     start = vertices, faces, ridges(vertices, faces, ridge_deg, _SHORTEST * size)
-    return _remade(closest, body, start, np.full(len(vertices), float(size)), deviation, most=most)
+    return _remade(closest, body, start, np.full(len(vertices), float(size)), deviation, most)
 
 
 def _remade(
@@ -128,8 +130,8 @@ def _remade(
     start: tuple,
     local: np.ndarray,
     deviation: float,
+    most: float,
     yielding: bool = False,
-    most: float = np.inf,
 ) -> Mesh:
     """Remake the surface ``start`` with edges of ``local`` (V,) and fit it to that of ``body``.
 
@@ -139,7 +141,7 @@ def _remade(
     tolerated = min(_BROKEN * deviation, _BLEMISH * 2 * wanted / area(*body))
 
     def fit(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        fitted = _fitted(closest, wanted, points, triangles)
+        fitted = _fitted(closest, wanted, points, triangles, tolerated)
         if yielding:
             fitted = _yielded(points, fitted, triangles)
         return fitted, closest.distance(_samples(fitted, triangles)).reshape(-1, 3).max(axis=1) > tolerated
@@ -160,14 +162,12 @@ def _mended(
     found = None
     for _ in range(_MENDED):
         try:
+            _bounded(_fewest(vertices, faces, local), most)
             points, triangles, edges = _mmg(vertices, faces, local, deviation, sharp)
+            _bounded(len(triangles), most)
         except RuntimeError:
             if found is None:
                 raise
-            break
-        if len(triangles) > most:
-            if found is None:
-                raise SheetsMeet(f"the remade surface would have {len(triangles)} triangles")
             break
         spoilt = far = _spoilt(points, triangles)
         if fit is not None and not spoilt.any():
@@ -184,6 +184,18 @@ def _mended(
     if found is None:
         raise SheetsMeet(f"{int(spoilt.sum())} faces of the remade surface cut or touch each other")
     return found
+
+
+def _bounded(count: float, most: float) -> None:
+    """Raise :class:`SheetsMeet` when a surface has more than ``most`` triangles."""
+    if count > most:
+        raise SheetsMeet(f"the remade surface would have {count:.0f} triangles")
+
+
+def _fewest(vertices: np.ndarray, faces: np.ndarray, sizes: np.ndarray) -> float:
+    """Return how many equilateral triangles of the wanted sizes (V,) there would be; Mmg makes about twice as many."""
+    areas = normals_and_areas(vertices, faces)[1]
+    return float((areas / (np.sqrt(3) / 4 * sizes[faces].mean(axis=1) ** 2)).sum())
 
 
 def _yielded(points: np.ndarray, fitted: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -248,14 +260,22 @@ def _finer(vertices: np.ndarray, sizes: np.ndarray, points: np.ndarray, crossing
     return np.where(around, np.minimum(sizes, 0.5 * lengths.mean(axis=1)[nearest]), sizes)
 
 
-def _fitted(closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+def _fitted(
+    closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray, tolerated: float
+) -> np.ndarray:
     """Return ``points`` moved so that ``triangles`` deviate from the original evenly, with its volume.
 
-    ``closest`` finds points of the original surface, ``wanted`` is its volume; ``points`` (P, 3) are near it.
+    ``closest`` finds points of the original surface, ``wanted`` is its volume; ``points`` (P, 3) are near it. Those
+    taken farther away from it, and farther than ``tolerated``, stay: around an edge that is sharper than the triangles
+    are small the fit does not converge.
     """
-    fitted = move(points, closest(points) - points, triangles)
+    nearest = closest(points)
+    bound = np.maximum(np.linalg.norm(nearest - points, axis=1), tolerated)
+    fitted = move(points, nearest - points, triangles)
     for _ in range(_ROUNDS):
         fitted = move(fitted, _displacements(fitted, triangles, closest), triangles)
+        strayed = closest.distance(fitted) > bound
+        fitted[strayed] = points[strayed]
     return _match_volume(fitted, np.linalg.norm(fitted - points, axis=1), triangles, wanted)
 
 

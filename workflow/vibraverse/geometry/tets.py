@@ -28,8 +28,8 @@ _TOLERANCE, _TRIALS, _EXPONENT = 1.08, 5, 0.55
 #: Elements should be no larger than this many times the body's mean thickness 2V/A. To that end there may be so many
 #: times more of them than asked for.
 _THICKNESSES, _MORE = 2.0, 2.0
-#: A size at which sheets meet is followed by this share of it, the last time by one that fits the walls; when nothing
-#: else happened so often, the recipe ends.
+#: A size at which sheets meet is followed by this share of it, the last time by one that fits the walls if none was
+#: found until then; when they met so often, the recipe ends.
 _STEP_BACK, _MEETINGS = 0.85, 3
 #: Of the sizes tried so many are filled, until one gives a valid mesh.
 _CANDIDATES = 3
@@ -38,6 +38,8 @@ _STALE = 0.6
 #: Sizes are not tried beyond this many times the first. Where this power of a miss did not mend it, the count comes
 #: from what is small about the body and larger triangles elsewhere would spoil its shape: what is not far off is left.
 _GROWN, _IDLE = 2.0, 1.0
+#: A remade surface has at most so many triangles, or so many times the elements wanted where that is more.
+_LARGEST, _SURFACE = 100_000, 4.0
 #: How far the remade surface may be from the original, as a share of the size.
 _DEVIATION = 0.07
 #: How much gmsh's second optimiser adds to the number of elements.
@@ -104,7 +106,7 @@ def tetrahedralise(
     :class:`Refused` with reason ``meshing_failed`` when no recipe gives tetrahedra whose volume differs from the
     surface's by at most the share ``max_volume_change`` and whose faces all meet at ``min_dihedral_deg`` or more.
     """
-    body = _Body(vertices, faces)
+    body = _Body(vertices, faces, max(_LARGEST, _SURFACE * target_elements))
     size = body.size_for(target_elements)
     complaints: list[str] = []
     met = False
@@ -137,10 +139,10 @@ def tetrahedralise(
 
 
 class _Body:
-    """The surface to be meshed and what is asked of it more than once."""
+    """The surface to be meshed, what is asked of it more than once, and how many triangles it has at ``most``."""
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray):
-        self._surface = vertices, faces
+    def __init__(self, vertices: np.ndarray, faces: np.ndarray, most: float):
+        self._surface, self._most = (vertices, faces), most
         self.volume, self.area = surfaces.volume(vertices, faces), surfaces.area(vertices, faces)
         self.thickness = 2 * self.volume / self.area
         self._evened: dict[float, Evened] = {}
@@ -164,7 +166,7 @@ class _Body:
         evened = self._evened.get(ridge_deg)
         if evened is None or size < _STALE * evened.size:
             sizing = Sizing(*self._surface, size)
-            evened = Evened(*self._surface, size, sizing, _DEVIATION * size, ridge_deg)
+            evened = Evened(*self._surface, size, sizing, _DEVIATION * size, ridge_deg, self._most)
             self._evened[ridge_deg] = evened
         return evened.remade(size, _DEVIATION * size, self.yielding)
 
@@ -188,7 +190,7 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
             if meetings == _MEETINGS:
                 break
             size *= _STEP_BACK
-            if meetings == _MEETINGS - 1:
+            if meetings == _MEETINGS - 1 and not tried:
                 size = min(size, _THICKNESSES * body.thickness)
             continue
         except (Refused, RuntimeError):
