@@ -115,13 +115,14 @@ def remesh(
 
     ``deviation`` bounds the distance from the original: where the surface bends, triangles shrink until they keep it.
     Ridges, where the normal turns by more than ``ridge_deg`` along at least about half a size, stay sharp. Where two
-    sheets are so close that the remade ones cut each other, these are remade finer. Raises :class:`SheetsMeet` when
-    they still do in the end or it would take more than ``most`` triangles, ``RuntimeError`` when Mmg fails.
+    sheets are so close that the remade ones cut each other, these are remade finer. The fit leaves vertices in place
+    that it would take farther from the original than the faces may be. Raises :class:`SheetsMeet` when sheets still
+    meet in the end or it would take more than ``most`` triangles, ``RuntimeError`` when Mmg fails.
     """
     closest, body = ClosestPoint(vertices, faces), (vertices, faces)
     vertices, faces = repair.split(vertices, faces, _LONG * size)
     start = vertices, faces, ridges(vertices, faces, ridge_deg, _SHORTEST * size)
-    return _remade(closest, body, start, np.full(len(vertices), float(size)), deviation, most)
+    return _remade(closest, body, start, np.full(len(vertices), float(size)), deviation, most, tied=True)
 
 
 def _remade(
@@ -132,16 +133,17 @@ def _remade(
     deviation: float,
     most: float,
     yielding: bool = False,
+    tied: bool = False,
 ) -> Mesh:
     """Remake the surface ``start`` with edges of ``local`` (V,) and fit it to that of ``body``.
 
-    ``closest`` finds points of the latter.
+    ``closest`` finds points of the latter. ``tied``: the fit takes no vertex farther from it than is tolerated.
     """
     wanted = volume(*body)
     tolerated = min(_BROKEN * deviation, _BLEMISH * 2 * wanted / area(*body))
 
     def fit(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        fitted = _fitted(closest, wanted, points, triangles, tolerated)
+        fitted = _fitted(closest, wanted, points, triangles, tolerated if tied else np.inf)
         if yielding:
             fitted = _yielded(points, fitted, triangles)
         return fitted, closest.distance(_samples(fitted, triangles)).reshape(-1, 3).max(axis=1) > tolerated
@@ -261,16 +263,16 @@ def _finer(vertices: np.ndarray, sizes: np.ndarray, points: np.ndarray, crossing
 
 
 def _fitted(
-    closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray, tolerated: float
+    closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray, tied: float
 ) -> np.ndarray:
     """Return ``points`` moved so that ``triangles`` deviate from the original evenly, with its volume.
 
     ``closest`` finds points of the original surface, ``wanted`` is its volume; ``points`` (P, 3) are near it. Those
-    taken farther away from it, and farther than ``tolerated``, stay: around an edge that is sharper than the triangles
-    are small the fit does not converge.
+    taken farther away from it, and farther than ``tied``, stay: along an edge that is sharper than the triangles are
+    small the fit makes up for lost volume with single vertices that stick out, for better or worse.
     """
     nearest = closest(points)
-    bound = np.maximum(np.linalg.norm(nearest - points, axis=1), tolerated)
+    bound = np.maximum(np.linalg.norm(nearest - points, axis=1), tied)
     fitted = move(points, nearest - points, triangles)
     for _ in range(_ROUNDS):
         fitted = move(fitted, _displacements(fitted, triangles, closest), triangles)

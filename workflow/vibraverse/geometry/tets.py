@@ -14,7 +14,7 @@ from itertools import product
 import numpy as np
 
 from vibraverse.geometry import Mesh, quality, surfaces
-from vibraverse.geometry.fill import ALGORITHMS, fill
+from vibraverse.geometry.fill import ALGORITHMS, fill, ordered
 from vibraverse.geometry.remesh import Evened, SheetsMeet
 from vibraverse.geometry.sight import depth_below
 from vibraverse.geometry.sizing import Sizing
@@ -130,6 +130,7 @@ def tetrahedralise(
                 complaints.append(refused.message.rstrip("."))
                 continue
             table = {"ridge_deg": ridge_deg, "algorithm": algorithm, **table, "layers": _layers(remade)}
+            nodes, cells = ordered(nodes, cells)
             return TetMesh(nodes, cells, table, _warnings(table, len(cells), remade.wanted))
     raise Refused(
         "meshing_failed",

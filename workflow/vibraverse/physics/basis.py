@@ -32,7 +32,7 @@ _REACH = 4.0
 #: do not suffice.
 _PROBES, _CORRECTIONS = 7, 20
 #: What is corrected at a ν: every mode whose error is above this share of the error wanted.
-_MARGIN = 0.3
+_MARGIN = 0.5
 #: Errors are estimated to 20 % and at some ν only: of the error wanted so much may be left by the corrections, and so
 #: much after the compression.
 _CORRECTED, _COMPRESSED = 0.7, 0.8

@@ -91,10 +91,11 @@ class Reduction:
     def correct(self, poisson: float, values: np.ndarray, coefficients: np.ndarray, max_error: float) -> None:
         """Let the space grow by the corrections of Ritz pairs (m,), (r, m) at a Poisson's ratio."""
         stiffness = self._operators.stiffness(*lame(1.0, poisson))
-        residual = np.asfortranarray(product(stiffness, combine(self.vectors, coefficients)))
-        residual -= combine(self._weighted.all, values * coefficients)
+        modes = np.ascontiguousarray(combine(self.vectors, coefficients))
+        residual = stiffness @ modes
+        residual -= values * (self._operators.mass @ modes)
         # Scaled so that xᵀ B x is the square of the relative error; directions that hardly lower it are left out.
-        residual /= np.sqrt(values)
+        residual = np.asfortranarray(residual / np.sqrt(values))
         correction = self._factor.solve(residual)
         energy = correction.T @ residual
         gain, turn = np.linalg.eigh(0.5 * (energy + energy.T))

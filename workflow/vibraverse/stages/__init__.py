@@ -8,7 +8,7 @@ VERSIONS = {
     "grids": 2,
     "hollow": 8,
     "tets": 7,
-    "basis": 6,
+    "basis": 7,
     "modes": 5,
     "audio": 1,
     "images": 1,
