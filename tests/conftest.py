@@ -30,6 +30,16 @@ def shared_meshes() -> Path:
     return SHARED_MESHES
 
 
+@pytest.fixture(scope="session")
+def finished(tmp_path_factory, root):
+    """An undisturbed run of the tiny configuration. Tests may look and plan, and execute in copies of its folder."""
+    from workflow_runs import Run
+
+    run = Run(tmp_path_factory.mktemp("finished"), root)
+    run()
+    return run
+
+
 @pytest.fixture
 def vibraverse(capfd, monkeypatch):
     """Run the command line in this process: ``vibraverse("clean", …)`` returns (exit status, output, errors)."""

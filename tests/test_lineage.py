@@ -20,14 +20,6 @@ from vibraverse.refusal import Refusal, read_refusal
 from workflow_runs import Run
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory, root):
-    """An undisturbed run."""
-    run = Run(tmp_path_factory.mktemp("finished"), root)
-    run()
-    return run
-
-
 @pytest.fixture
 def run(finished, tmp_path):
     """A copy of the finished run, to break."""

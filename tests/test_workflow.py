@@ -19,14 +19,6 @@ from workflow_runs import Run
 LATER = {"dataset": 1, "index": 1, "report": 1, "verdict": 1, "all": 1}
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory, root):
-    """An undisturbed run."""
-    run = Run(tmp_path_factory.mktemp("finished"), root)
-    run()
-    return run
-
-
 @pytest.fixture
 def changed(finished):
     """The finished run with a configuration that a test may change; nothing is executed."""

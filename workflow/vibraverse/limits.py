@@ -154,7 +154,11 @@ def run_limited(
     if status == "crash":
         number = -(process.exitcode or 0)
         name = signal.Signals(number).name if number > 0 else f"exit status {process.exitcode}"
-        raise Refused("meshing_failed", f"{what} crashed ({name}).{said}", "Repair or simplify the mesh.")
+        raise Refused(
+            "meshing_failed",
+            f"{what} crashed ({name}).{said}",
+            f"Repair or simplify the mesh, or raise {key}.memory_mb: some tools crash where memory ends.",
+        )
     raise Refused("meshing_failed", f"{what} failed: {value}.{said}", "Repair or simplify the mesh.")
 
 
