@@ -15,13 +15,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from vibraverse.physics.plausible import size_mistake
 from vibraverse.sources.files import NoMeshes, is_mesh, known_formats, slug, wrong_characters
 
 #: Column -> what it holds.
 COLUMNS = {
     "path": "the mesh file, relative to the manifest",
     "id": "the object's id; default: the path without its extension, as of a file in a folder",
-    "size_m": "longest side in metres",
+    "size_m": "longest side in metres, 0.001 to 50",
     "category": "what kind of thing it is",
     "licence": "its licence",
 }
@@ -175,9 +176,13 @@ def _row_mistakes(
     if category and categories and category not in categories:
         yield "category", unknown("category", category, categories)
     size = values.get("size_m")
-    if size and not _is_size(size):
+    if not size:
+        return
+    if not _is_size(size):
         hint = "; write a decimal point" if _is_size(size.replace(",", ".")) else ""
         yield "size_m", f"{size!r} is not a positive number of metres{hint}"
+    elif wrong := size_mistake(float(size)):
+        yield "size_m", wrong
 
 
 def _file_mistake(path: str) -> str:
