@@ -112,7 +112,7 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             "37 km/s and nowhere exceeds 30; check both units",
         ),
         (
-            {"sampled": {"young_pa": [0.5, 500]}},
+            {"sampled": {"young_pa": [0.5, 5e11]}},
             "sampled.young_pa[0]: 0.5 Pa is softer than any solid; 0.5 GPa is written 5.0e+08",
         ),
         (
@@ -127,7 +127,6 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             {"sources": {"default_size_m": 1e6}},
             "sources.default_size_m: 1e+06 m is more than the 50 m that an",
         ),
-        ({"materials": {"own": {"density_kg_m3": 1}}}, "materials.own.young_pa is missing"),
         ({"materials": {"own": 5}}, "materials.own must hold keys and values, not 5"),
         (
             {"materials": {"sampled-0001": OWN}},
@@ -190,6 +189,57 @@ def test_every_mistake_is_one_sentence(values, sentence):
     assert said.startswith(sentence)
     assert "\n" not in said
     assert "pydantic" not in said
+
+
+@pytest.mark.parametrize(
+    ("values", "sentences"),
+    [
+        (
+            {"dataset": {"shards": 0}, "basis": {"order": 3}, "soures": {}},
+            [
+                "unknown key 'soures'; did",
+                "basis.order must be 1 or 2,",
+                "dataset.shards must be at least 1,",
+            ],
+        ),
+        (
+            {"materials": {"own": {"density_kg_m3": 1, "young": 1e9, "alpha_per_s": 1, "beta_s": 0}}},
+            [
+                "unknown key 'materials.own.young'; did you mean 'young_pa'?",
+                "materials.own.poisson is missing",
+            ],
+        ),
+        (
+            {"sources": {"generated": {"families": [5, 6], "count": -1}}},
+            [
+                "sources.generated.count must",
+                "sources.generated.families[0] must",
+                "sources.generated.families[1] must",
+            ],
+        ),
+        (
+            {"materials": {f"own-{number}": 5 for number in range(15)}},
+            [
+                *(f"materials.own-{number} must hold keys and values, not 5" for number in range(10)),
+                "and 5 more",
+            ],
+        ),
+    ],
+)
+def test_several_mistakes_are_listed(tmp_path, vibraverse, values, sentences):
+    with pytest.raises(ConfigError) as caught:
+        parse(values)
+    first, *lines = str(caught.value).splitlines()
+    assert first.startswith("the configuration has ")
+    path = tmp_path / "config.yaml"
+    path.write_text(yaml.safe_dump(values, sort_keys=False))
+    status, _, errors = vibraverse("config", "check", path)
+    said, *again = errors.splitlines()
+    assert (status, again) == (2, lines)
+    assert said == f"vibraverse: {path} has {len(caught.value.mistakes)} mistakes:"
+    assert len(lines) == len(sentences)
+    for line, sentence in zip(lines, sentences, strict=True):
+        assert line.startswith(f"  {sentence}")
 
 
 def test_no_real_solid_is_refused():

@@ -28,7 +28,6 @@ COLUMNS = {
 }
 
 _EXTENSIONS = (".csv", ".tsv")
-_SHOWN = 10
 
 
 @dataclass(frozen=True)
@@ -86,7 +85,7 @@ def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
         file = manifest.parent / values["path"]
         rows.append(Row(object_, file, size_m, values.get("category") or None, values.get("licence") or None))
     if mistakes:
-        raise NoMeshes(_listed(path, mistakes))
+        raise NoMeshes(_told(path, mistakes))
     if not rows:
         raise NoMeshes(f"the manifest {path} lists no meshes")
     return rows
@@ -144,7 +143,7 @@ def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
     if "path" not in columns:
         mistakes.append(f"line 1: the column path is missing (known columns: {', '.join(COLUMNS)})")
     if mistakes:
-        raise NoMeshes(_listed(str(manifest), mistakes))
+        raise NoMeshes(_told(str(manifest), mistakes))
     return columns
 
 
@@ -200,11 +199,9 @@ def _is_size(text: str) -> bool:
         return False
 
 
-def _listed(path: str, mistakes: list[str]) -> str:
+def _told(path: str, mistakes: list[str]) -> str:
     """Return one mistake as a sentence, and several as a list."""
-    if len(mistakes) == 1:
-        return f"the manifest {path}, {mistakes[0]}"
-    shown = [f"  {mistake}" for mistake in mistakes[:_SHOWN]]
-    if len(mistakes) > _SHOWN:
-        shown.append(f"  and {len(mistakes) - _SHOWN} more")
-    return "\n".join([f"the manifest {path} has {len(mistakes)} mistakes:", *shown])
+    from vibraverse.texts import listed
+
+    subject = f"the manifest {path}"
+    return f"{subject}, {mistakes[0]}" if len(mistakes) == 1 else listed(subject, mistakes)
