@@ -154,7 +154,22 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             {"materials": {"a b": OWN}},
             "materials: the material name 'a b' may hold only letters, digits, '-' and '_'",
         ),
-        ({"materials": ["steel"]}, 'materials must hold keys and values, not ["steel"]'),
+        (
+            {"materials": ["steel", "tin"]},
+            'materials must hold keys and values, not ["steel", "tin"]; write materials: {steel: , tin: }, or each',
+        ),
+        (
+            {"materials": [{"tin": None}]},
+            'materials must hold keys and values, not [{"tin": null}]; write materials: {tin: },',
+        ),
+        (
+            {"materials": "steel"},
+            'materials must hold keys and values, not "steel"; write materials: {steel: }, or each',
+        ),
+        (
+            {"materials": None},
+            "materials must hold keys and values, not nothing; write materials: {steel: }, or each",
+        ),
         ({"solidities": ["hollo"]}, "solidities: unknown solidity 'hollo'; did you mean 'hollow'?"),
         ({"images": {"looks": ["cly"]}}, "images.looks: unknown look 'cly'; did you mean 'clay'?"),
         ({"solidities": "solid"}, 'solidities must be a list, not "solid"'),
@@ -240,6 +255,14 @@ def test_several_mistakes_are_listed(tmp_path, vibraverse, values, sentences):
     assert len(lines) == len(sentences)
     for line, sentence in zip(lines, sentences, strict=True):
         assert line.startswith(f"  {sentence}")
+
+
+def test_the_form_that_is_advised_for_materials_is_taken(tmp_path):
+    with pytest.raises(ConfigError) as caught:
+        parse({"materials": ["steel", "tin"]})
+    advised = str(caught.value).partition("; write ")[2].partition(", or ")[0]
+    (tmp_path / "config.yaml").write_text(advised)
+    assert list(load(tmp_path / "config.yaml").materials) == ["steel", "tin"]
 
 
 def test_no_real_solid_is_refused():

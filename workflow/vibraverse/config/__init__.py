@@ -272,7 +272,20 @@ def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
         expected = _EXPECTED[error["type"]].format(**error.get("ctx", {}))
     else:
         expected = f"is not valid ({error['msg'][0].lower()}{error['msg'][1:]})"
-    return f"{key} {expected}, not {_shown(error['input'])}"
+    form = _as_keys(error["input"]) if key == "materials" else ""
+    return f"{key} {expected}, not {_shown(error['input'])}{form}"
+
+
+def _as_keys(value) -> str:
+    """Return how materials that were named in a list are written: as keys, which may have values."""
+    given = value if isinstance(value, list) else [value]
+    names = [
+        name
+        for one in given
+        for name in ([one] if isinstance(one, str) else one if isinstance(one, dict) else [])
+    ]
+    written = ", ".join(f"{name}: " for name in names[:3] or ["steel"])
+    return f"; write materials: {{{written}}}, or each name with its colon on a line of its own below it, indented"
 
 
 def _shown(value) -> str:
