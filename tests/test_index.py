@@ -87,6 +87,19 @@ def test_the_record_holds_the_shards_checksums(paths):
         )
 
 
+def test_an_empty_split_is_counted_and_said(paths):
+    record = products.read_json(paths.dataset_record)
+    held = record["objects_by_split"]
+    assert set(held) == {"train", "validation", "test"}
+    assert sum(held.values()) == 2
+    assert 0 in held.values()
+    with open(paths.card, encoding="utf-8") as file:
+        card = file.read()
+    for name, count in held.items():
+        assert f"| {name} | {count} |" in card
+    assert " no object: take more objects, " in card
+
+
 def test_order_of_the_shards_does_not_matter(paths, tmp_path):
     shards = [paths.at(paths.shard, shard=number) for number in ("1", "0")]
     names = ("index", "splits", "refusals", "record", "card", "overview", "croissant", "parquet", "sums")

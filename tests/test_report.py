@@ -262,6 +262,13 @@ def test_the_page_names_nothing_outside_its_folder(page):
     assert "<title>Things that ring</title>" in text
 
 
+def test_an_empty_split_is_said(page):
+    text = page.read_text(encoding="utf-8")
+    assert re.search(
+        r"<strong>Empty split</strong> The splits? [a-z ]+ holds? no object: take more objects", text
+    )
+
+
 def test_same_dataset_same_bytes(page):
     before = {path: products.sha256(path) for path in page.parent.rglob("*") if path.is_file()}
     make_products.report(page.parents[1], title="Things that ring")

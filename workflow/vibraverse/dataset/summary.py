@@ -11,16 +11,18 @@ from vibraverse.physics.materials import PARAMETERS
 _RANGES = ("size_m", "volume_m3", "mass_kg", "tetrahedra", "f1_hz", "f_last_hz", "duration_s")
 
 
-def summary(reader: Reader) -> dict:
+def summary(reader: Reader, asked: dict[str, float]) -> dict:
     """Return counts, materials, ranges and how everything was made, of all that ``reader`` holds.
 
-    An object counts as refused when nothing of it is left.
+    An object counts as refused when nothing of it is left. ``asked`` are the shares of the splits: of one that should
+    hold objects and holds none it is said that it holds 0.
     """
     items, refusals = reader.items, reader.refusals
     bodies = {(item["object"], item["solidity"]) for item in items}
     kept = set(reader.objects)
     gone = {row["object"] for row in refusals} - kept
     splits = Counter({item["object"]: item["split"] for item in items}.values())
+    splits.update({name: 0 for name, share in asked.items() if share > 0})
     origins, licences, categories = (
         Counter({item["object"]: item[column] for item in items}.values())
         for column in ("origin", "licence", "category")

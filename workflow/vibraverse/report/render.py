@@ -11,6 +11,7 @@ from markupsafe import Markup
 
 from vibraverse import __version__
 from vibraverse.dataset.reader import Reader
+from vibraverse.dataset.splits import emptiness
 from vibraverse.refusal import REASONS
 from vibraverse.report import quantities
 from vibraverse.report.content import Card, card
@@ -69,6 +70,7 @@ def html(
         counts=record["counts"],
         materials=record["materials"],
         splits=record["objects_by_split"],
+        empty_splits=emptiness(record["objects_by_split"]),
         shards=record["shards"],
         stages={name: _how(record["made_by"][name]) for name in VERSIONS if name in record["made_by"]},
         families=sorted({one.facts["category"] for one in cards if one.facts["category"]}),
