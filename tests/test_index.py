@@ -65,6 +65,7 @@ def test_the_record_counts(paths):
         "bodies": 3,
         "refused_bodies": 1,
         "sounds": 12,
+        "sampled_sounds": 0,
         "items": 12,
         "sampled": 9,
     }

@@ -292,6 +292,24 @@ def test_a_silent_sound_says_why(page, tmp_path):
     assert 'aria-label="Play steel, solid" disabled>' in text
 
 
+def test_sounds_that_are_not_shown_are_counted_apart(page, tmp_path):
+    shutil.copytree(page.parents[1] / "dataset", tmp_path / "dataset")
+    shards = sorted((tmp_path / "dataset/shards").glob("*.h5"))
+    with h5py.File(shards[1], "r+") as h5:
+        sounds = h5["objects/bar-0000/solid/sounds"]
+        for number in range(2):
+            sounds.copy("steel", f"sampled-000{number}")
+    make_products.index(tmp_path, shards)
+    counts = products.read_json(tmp_path / "dataset/dataset.json")["counts"]
+    assert (counts["sounds"], counts["sampled_sounds"]) == (14, 2)
+    text = make_products.report(tmp_path).read_text(encoding="utf-8")
+    assert text.count('<div class="player ') == 12
+    assert "<br>12 sounds.</h1>" in text
+    assert "<dt>sounds</dt><dd>12</dd>" in text
+    assert "2 more sounds, of sampled materials, are in the dataset and not on this page" in text
+    assert "sampled materials, are" not in page.read_text(encoding="utf-8")
+
+
 def test_a_dataset_of_refusals_alone_has_a_page(tmp_path):
     make_products.make(tmp_path, objects=("leaf",))
     make_products.index(tmp_path, make_products.pack(tmp_path, groups=(("leaf",),)))
@@ -303,7 +321,9 @@ def test_a_dataset_of_refusals_alone_has_a_page(tmp_path):
 def test_texts_from_files_cannot_break_the_page():
     nasty = "</script><script>alert(1)</script>"
     record = {
-        "counts": dict.fromkeys(("objects", "bodies", "sounds", "refused_objects", "refused_bodies"), 1),
+        "counts": dict.fromkeys(
+            ("objects", "bodies", "sounds", "sampled_sounds", "refused_objects", "refused_bodies"), 1
+        ),
         "materials": {
             nasty: dict.fromkeys(("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s"), 1.0)
         },

@@ -6,7 +6,7 @@ from collections import Counter
 
 from vibraverse.dataset.making import join
 from vibraverse.dataset.reader import Reader
-from vibraverse.physics.materials import PARAMETERS
+from vibraverse.physics.materials import PARAMETERS, sampled_number
 
 _RANGES = ("size_m", "volume_m3", "mass_kg", "tetrahedra", "f1_hz", "f_last_hz", "duration_s")
 
@@ -19,6 +19,7 @@ def summary(reader: Reader, asked: dict[str, float]) -> dict:
     """
     items, refusals = reader.items, reader.refusals
     bodies = {(item["object"], item["solidity"]) for item in items}
+    sounds = [name for object_id, solidity in bodies for name in reader.group(object_id)[solidity]["sounds"]]
     kept = set(reader.objects)
     gone = {row["object"] for row in refusals} - kept
     splits = Counter({item["object"]: item["split"] for item in items}.values())
@@ -33,7 +34,8 @@ def summary(reader: Reader, asked: dict[str, float]) -> dict:
             "refused_objects": len(gone),
             "bodies": len(bodies),
             "refused_bodies": sum(1 for row in refusals if row["solidity"] and row["object"] in kept),
-            "sounds": sum(len(reader.group(object_id)[solidity]["sounds"]) for object_id, solidity in bodies),
+            "sounds": len(sounds),
+            "sampled_sounds": sum(sampled_number(name) is not None for name in sounds),
             "items": len(items),
             "sampled": sum({(item["object"], item["solidity"]): item["sampled"] for item in items}.values()),
         },

@@ -68,6 +68,7 @@ def html(
         data=Markup(_data(record, cards, assets_folder)),
         assets=assets_folder,
         counts=record["counts"],
+        sounds=record["counts"]["sounds"] - record["counts"]["sampled_sounds"],
         materials=record["materials"],
         splits=record["objects_by_split"],
         empty_splits=emptiness(record["objects_by_split"]),
