@@ -6,6 +6,7 @@ from collections import Counter
 
 from vibraverse.dataset.making import join
 from vibraverse.dataset.reader import Reader
+from vibraverse.geometry.cautions import kind_of
 from vibraverse.physics.materials import PARAMETERS, sampled_number
 
 _RANGES = ("size_m", "volume_m3", "mass_kg", "tetrahedra", "f1_hz", "f_last_hz", "duration_s")
@@ -44,10 +45,21 @@ def summary(reader: Reader, asked: dict[str, float]) -> dict:
         "objects_by_licence": dict(sorted(licences.items())),
         "objects_by_category": dict(sorted(categories.items())),
         "refusals_by_reason": dict(sorted(Counter(row["reason"] for row in refusals).items())),
+        "warnings_by_kind": dict(sorted(Counter(row["kind"] for row in warnings(reader)).items())),
         "materials": _materials(reader),
         "ranges": {name: _range([item[name] for item in items]) for name in _RANGES if items},
         "made_by": join(reader.making()),
     }
+
+
+def warnings(reader: Reader) -> list[dict[str, str]]:
+    """Return what the records of all meshes warn of: ``object``, ``solidity``, ``kind`` and ``message``."""
+    bodies = dict.fromkeys((item["object"], item["solidity"]) for item in reader.items)
+    return [
+        {"object": object_id, "solidity": solidity, "kind": kind_of(message), "message": message}
+        for object_id, solidity in bodies
+        for message in reader.read("tets", object_id, solidity).get("warnings", [])
+    ]
 
 
 def _materials(reader: Reader) -> dict[str, dict[str, float]]:
