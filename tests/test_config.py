@@ -104,12 +104,12 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         (
             {"materials": {"own": {**OWN, "density_kg_m3": 7.85, "young_pa": 2e11}}},
             "materials.own: density_kg_m3 7.85 and young_pa 2e+11 are not of one solid, sound would travel at 160 km/s "
-            "and nowhere exceeds 30; 7.85 g/cm³ is written 7850",
+            "and nowhere exceeds 35; 7.85 g/cm³ is written 7850",
         ),
         (
             {"materials": {"own": {**OWN, "young_pa": 1.4e12}}},
             "materials.own: density_kg_m3 1000 and young_pa 1.4e+12 are not of one solid, sound would travel at "
-            "37 km/s and nowhere exceeds 30; check both units",
+            "37 km/s and nowhere exceeds 35; check both units",
         ),
         (
             {"sampled": {"young_pa": [0.5, 5e11]}},
@@ -269,7 +269,7 @@ def test_no_real_solid_is_refused():
     pairs = {
         "aerogel": (2, 1e3), "melamine-foam": (6, 1e5), "balsa": (60, 1.5e9), "jelly": (1050, 2e3),
         "rubber": (930, 1e6), "osmium": (22_590, 5.5e11), "diamond": (3510, 1.22e12), "beryllium": (1848, 2.87e11),
-        "carbon-fibre": (2200, 9.3e11), "nanotube": (1400, 1e12),
+        "carbon-fibre": (2200, 9.3e11), "nanotube": (1400, 1e12), "sampled": (500, 5e11),
     }  # fmt: skip
     values = {name: {**OWN, "density_kg_m3": one[0], "young_pa": one[1]} for name, one in pairs.items()}
     assert len(parse({"materials": values}).materials) == len(pairs)

@@ -35,7 +35,7 @@ class Material(Section):
     """Density in kg/m³, 1 to 25,000."""
 
     young_pa: Young
-    """Young's modulus in Pa, 1e3 to 1.5e12; with the density it may mean no more than 30 km/s of speed of sound."""
+    """Young's modulus in Pa, 1e3 to 1.5e12; with the density it may mean no more than 35 km/s of speed of sound."""
 
     poisson: Poisson
     """Poisson's ratio."""
