@@ -85,7 +85,48 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             {"materials": {"own": {**OWN, "poisson": -1}}},
             "materials.own.poisson must be greater than -1, not -1",
         ),
-        ({"materials": {"own": {"density_kg_m3": 1}}}, "materials.own.young_pa is missing"),
+        (
+            {"materials": {"own": {**OWN, "young_pa": 200}}},
+            "materials.own.young_pa: 200 Pa is softer than any solid; 200 GPa is written 2.0e+11",
+        ),
+        (
+            {"materials": {"own": {**OWN, "young_pa": 2e14}}},
+            "materials.own.young_pa: 2e+14 Pa is stiffer than any solid; write Pa, at most 1.5e+12",
+        ),
+        (
+            {"materials": {"own": {**OWN, "density_kg_m3": 0.75}}},
+            "materials.own.density_kg_m3: 0.75 kg/m³ is lighter than air; 0.75 g/cm³ is written 750",
+        ),
+        (
+            {"materials": {"own": {**OWN, "density_kg_m3": 7.85e6}}},
+            "materials.own.density_kg_m3: 7.85e+06 kg/m³ is heavier than any solid; write kg/m³, at most 25000",
+        ),
+        (
+            {"materials": {"own": {**OWN, "density_kg_m3": 7.85, "young_pa": 2e11}}},
+            "materials.own: density_kg_m3 7.85 and young_pa 2e+11 are not of one solid, sound would travel at 160 km/s "
+            "and nowhere exceeds 35; 7.85 g/cm³ is written 7850",
+        ),
+        (
+            {"materials": {"own": {**OWN, "young_pa": 1.4e12}}},
+            "materials.own: density_kg_m3 1000 and young_pa 1.4e+12 are not of one solid, sound would travel at "
+            "37 km/s and nowhere exceeds 35; check both units",
+        ),
+        (
+            {"sampled": {"young_pa": [0.5, 5e11]}},
+            "sampled.young_pa[0]: 0.5 Pa is softer than any solid; 0.5 GPa is written 5.0e+08",
+        ),
+        (
+            {"sources": {"files": [{"path": "a", "size_m": 200}]}},
+            "sources.files[0].size_m: 200 m is more than the 50 m that an object may have; 200 mm is written 0.2",
+        ),
+        (
+            {"sources": {"sizes_m": {"mug": 1e-4}}},
+            "sources.sizes_m.mug: 0.0001 m is less than the 0.001 m that an object may have; write metres",
+        ),
+        (
+            {"sources": {"default_size_m": 1e6}},
+            "sources.default_size_m: 1e+06 m is more than the 50 m that an",
+        ),
         ({"materials": {"own": 5}}, "materials.own must hold keys and values, not 5"),
         (
             {"materials": {"sampled-0001": OWN}},
@@ -113,7 +154,22 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             {"materials": {"a b": OWN}},
             "materials: the material name 'a b' may hold only letters, digits, '-' and '_'",
         ),
-        ({"materials": ["steel"]}, 'materials must hold keys and values, not ["steel"]'),
+        (
+            {"materials": ["steel", "tin"]},
+            'materials must hold keys and values, not ["steel", "tin"]; write materials: {steel: , tin: }, or each',
+        ),
+        (
+            {"materials": [{"tin": None}]},
+            'materials must hold keys and values, not [{"tin": null}]; write materials: {tin: },',
+        ),
+        (
+            {"materials": "steel"},
+            'materials must hold keys and values, not "steel"; write materials: {steel: }, or each',
+        ),
+        (
+            {"materials": None},
+            "materials must hold keys and values, not nothing; write materials: {steel: }, or each",
+        ),
         ({"solidities": ["hollo"]}, "solidities: unknown solidity 'hollo'; did you mean 'hollow'?"),
         ({"images": {"looks": ["cly"]}}, "images.looks: unknown look 'cly'; did you mean 'clay'?"),
         ({"solidities": "solid"}, 'solidities must be a list, not "solid"'),
@@ -148,6 +204,76 @@ def test_every_mistake_is_one_sentence(values, sentence):
     assert said.startswith(sentence)
     assert "\n" not in said
     assert "pydantic" not in said
+
+
+@pytest.mark.parametrize(
+    ("values", "sentences"),
+    [
+        (
+            {"dataset": {"shards": 0}, "basis": {"order": 3}, "soures": {}},
+            [
+                "unknown key 'soures'; did",
+                "basis.order must be 1 or 2,",
+                "dataset.shards must be at least 1,",
+            ],
+        ),
+        (
+            {"materials": {"own": {"density_kg_m3": 1, "young": 1e9, "alpha_per_s": 1, "beta_s": 0}}},
+            [
+                "unknown key 'materials.own.young'; did you mean 'young_pa'?",
+                "materials.own.poisson is missing",
+            ],
+        ),
+        (
+            {"sources": {"generated": {"families": [5, 6], "count": -1}}},
+            [
+                "sources.generated.count must",
+                "sources.generated.families[0] must",
+                "sources.generated.families[1] must",
+            ],
+        ),
+        (
+            {"materials": {f"own-{number}": 5 for number in range(15)}},
+            [
+                *(f"materials.own-{number} must hold keys and values, not 5" for number in range(10)),
+                "and 5 more",
+            ],
+        ),
+    ],
+)
+def test_several_mistakes_are_listed(tmp_path, vibraverse, values, sentences):
+    with pytest.raises(ConfigError) as caught:
+        parse(values)
+    first, *lines = str(caught.value).splitlines()
+    assert first.startswith("the configuration has ")
+    path = tmp_path / "config.yaml"
+    path.write_text(yaml.safe_dump(values, sort_keys=False))
+    status, _, errors = vibraverse("config", "check", path)
+    said, *again = errors.splitlines()
+    assert (status, again) == (2, lines)
+    assert said == f"vibraverse: {path} has {len(caught.value.mistakes)} mistakes:"
+    assert len(lines) == len(sentences)
+    for line, sentence in zip(lines, sentences, strict=True):
+        assert line.startswith(f"  {sentence}")
+
+
+def test_the_form_that_is_advised_for_materials_is_taken(tmp_path):
+    with pytest.raises(ConfigError) as caught:
+        parse({"materials": ["steel", "tin"]})
+    advised = str(caught.value).partition("; write ")[2].partition(", or ")[0]
+    (tmp_path / "config.yaml").write_text(advised)
+    assert list(load(tmp_path / "config.yaml").materials) == ["steel", "tin"]
+
+
+def test_no_real_solid_is_refused():
+    pairs = {
+        "aerogel": (2, 1e3), "melamine-foam": (6, 1e5), "balsa": (60, 1.5e9), "jelly": (1050, 2e3),
+        "rubber": (930, 1e6), "osmium": (22_590, 5.5e11), "diamond": (3510, 1.22e12), "beryllium": (1848, 2.87e11),
+        "carbon-fibre": (2200, 9.3e11), "nanotube": (1400, 1e12), "sampled": (500, 5e11),
+    }  # fmt: skip
+    values = {name: {**OWN, "density_kg_m3": one[0], "young_pa": one[1]} for name, one in pairs.items()}
+    assert len(parse({"materials": values}).materials) == len(pairs)
+    parse({"sources": {"sizes_m": {"grain": 0.001, "hall": 50}}})
 
 
 def test_a_stage_s_options_are_named_with_the_stage():

@@ -65,6 +65,7 @@ def test_the_record_counts(paths):
         "bodies": 3,
         "refused_bodies": 1,
         "sounds": 12,
+        "sampled_sounds": 0,
         "items": 12,
         "sampled": 9,
     }
@@ -85,6 +86,19 @@ def test_the_record_holds_the_shards_checksums(paths):
         assert (
             shard["sha256"] == products.sha256(path) == record["provenance"]["input_sha256"]["shards"][name]
         )
+
+
+def test_an_empty_split_is_counted_and_said(paths):
+    record = products.read_json(paths.dataset_record)
+    held = record["objects_by_split"]
+    assert set(held) == {"train", "validation", "test"}
+    assert sum(held.values()) == 2
+    assert 0 in held.values()
+    with open(paths.card, encoding="utf-8") as file:
+        card = file.read()
+    for name, count in held.items():
+        assert f"| {name} | {count} |" in card
+    assert " no object: take more objects, " in card
 
 
 def test_order_of_the_shards_does_not_matter(paths, tmp_path):

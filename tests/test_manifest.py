@@ -147,6 +147,10 @@ def test_an_unknown_category_is_one_sentence_where_the_known_ones_are_listed(fol
             "line 2, column size_m: '12 cm' is not a positive number of metres",
         ),
         ("path;size_m\nCup 1.obj;0,2\n", "'0,2' is not a positive number of metres; write a decimal point"),
+        (
+            "path,size_m\nCup 1.obj,200\n",
+            "line 2, column size_m: 200 m is more than the 50 m that an object may have; 200 mm is written 0.2",
+        ),
         ("path,size_m\nCup 1.obj,-1\n", "'-1' is not a positive number"),
         ("path,size_m\nCup 1.obj,nan\n", "'nan' is not a positive number"),
         ("path,size_m\nCup 1.obj,inf\n", "'inf' is not a positive number"),

@@ -16,6 +16,7 @@ from PIL import Image
 
 import make_products
 from vibraverse import products
+from vibraverse.geometry.cautions import cautions, kind_of
 from vibraverse.report import content, quantities, render
 from vibraverse.stages.report import write_assets
 
@@ -262,6 +263,13 @@ def test_the_page_names_nothing_outside_its_folder(page):
     assert "<title>Things that ring</title>" in text
 
 
+def test_an_empty_split_is_said(page):
+    text = page.read_text(encoding="utf-8")
+    assert re.search(
+        r"<strong>Empty split</strong> The splits? [a-z ]+ holds? no object: take more objects", text
+    )
+
+
 def test_same_dataset_same_bytes(page):
     before = {path: products.sha256(path) for path in page.parent.rglob("*") if path.is_file()}
     make_products.report(page.parents[1], title="Things that ring")
@@ -285,6 +293,53 @@ def test_a_silent_sound_says_why(page, tmp_path):
     assert 'aria-label="Play steel, solid" disabled>' in text
 
 
+def test_sounds_that_are_not_shown_are_counted_apart(page, tmp_path):
+    shutil.copytree(page.parents[1] / "dataset", tmp_path / "dataset")
+    shards = sorted((tmp_path / "dataset/shards").glob("*.h5"))
+    with h5py.File(shards[1], "r+") as h5:
+        sounds = h5["objects/bar-0000/solid/sounds"]
+        for number in range(2):
+            sounds.copy("steel", f"sampled-000{number}")
+    make_products.index(tmp_path, shards)
+    counts = products.read_json(tmp_path / "dataset/dataset.json")["counts"]
+    assert (counts["sounds"], counts["sampled_sounds"]) == (14, 2)
+    text = make_products.report(tmp_path).read_text(encoding="utf-8")
+    assert text.count('<div class="player ') == 12
+    assert "<br>12 sounds.</h1>" in text
+    assert "<dt>sounds</dt><dd>12</dd>" in text
+    assert "2 more sounds, of sampled materials, are in the dataset and not on this page" in text
+    assert "sampled materials, are" not in page.read_text(encoding="utf-8")
+
+
+def test_warnings_about_meshes_are_counted_and_listed(page, tmp_path, vibraverse):
+    table = {"layers": {"thin_share": 0.5, "median": 0.9}, "slivers": 3}
+    said = cautions(table, 9000, 5000)
+    assert [kind_of(sentence) for sentence in said] == ["thin_walls", "many_elements", "slivers"]
+    assert not cautions({"layers": {"thin_share": 0.0, "median": 3}, "slivers": 0}, 5000, 5000)
+    paths = make_products.make(tmp_path)
+    for object_id, solidity, found in (
+        ("ball-0000", "solid", said),
+        ("bar-0000", "hollow", [*said[2:], *["What no version says."] * 25]),
+    ):
+        record = Path(paths.at(paths.tets_record, object=object_id, solidity=solidity))
+        products.write_json(record, {**products.read_json(record), "warnings": found})
+    make_products.index(tmp_path, make_products.pack(tmp_path))
+    stated = products.read_json(paths.dataset_record)["warnings_by_kind"]
+    assert stated == {"many_elements": 1, "other": 25, "slivers": 2, "thin_walls": 1}
+    text = make_products.report(tmp_path).read_text(encoding="utf-8")
+    section = text.partition('<section id="warnings">')[2].partition("</section>")[0]
+    assert "2 of 3 meshes carry warnings" in section
+    assert section.count("What no version says.") == 20
+    assert "… and 5 more" in section
+    assert '<h3>Some tetrahedra are nearly flat <span class="count">2</span></h3>' in section
+    assert section.count(said[2]) == 2
+    assert '<a href="#warnings">2</a>' in text
+    assert 'id="warnings"' not in page.read_text(encoding="utf-8")
+    status, out, _ = vibraverse("refusals", "--record", paths.dataset_record)
+    assert status == 0
+    assert "Warnings about meshes: 1 of many elements, 25 of other, 2 of slivers, 1 of thin walls" in out
+
+
 def test_a_dataset_of_refusals_alone_has_a_page(tmp_path):
     make_products.make(tmp_path, objects=("leaf",))
     make_products.index(tmp_path, make_products.pack(tmp_path, groups=(("leaf",),)))
@@ -296,7 +351,9 @@ def test_a_dataset_of_refusals_alone_has_a_page(tmp_path):
 def test_texts_from_files_cannot_break_the_page():
     nasty = "</script><script>alert(1)</script>"
     record = {
-        "counts": dict.fromkeys(("objects", "bodies", "sounds", "refused_objects", "refused_bodies"), 1),
+        "counts": dict.fromkeys(
+            ("objects", "bodies", "sounds", "sampled_sounds", "refused_objects", "refused_bodies"), 1
+        ),
         "materials": {
             nasty: dict.fromkeys(("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s"), 1.0)
         },

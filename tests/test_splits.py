@@ -14,7 +14,7 @@ from vibraverse import products
 from vibraverse.config import ConfigError
 from vibraverse.config.dataset import Dataset
 from vibraverse.dataset.copies import groups, natural
-from vibraverse.dataset.splits import assign, split_of
+from vibraverse.dataset.splits import assign, emptiness, split_of
 from vibraverse.plan import Plan
 from vibraverse.targets import kept_splits
 
@@ -34,6 +34,22 @@ def test_growing_moves_nothing():
     before, after = (assign(alone(names(count)), SPLITS).split for count in (300, 2000))
     assert before.items() <= after.items()
     assert after == {name: split_of(name, SPLITS) for name in names(2000)}
+
+
+def test_an_empty_split_is_said_with_what_fills_it():
+    assert emptiness({"test": 1, "train": 8}) == ""
+    assert emptiness({"test": 0, "train": 0}) == ""
+    assert emptiness({"test": 0, "train": 8}).startswith(
+        "The split test holds no object: take more objects, give it"
+    )
+    assert emptiness({"a": 0, "b": 0, "c": 1}).startswith(
+        "The splits a and b hold no object: take more objects, give them"
+    )
+    # What is advised is true: ten objects of a stratum fill every split.
+    for count in range(10, 30):
+        members = names(count)
+        found = assign(alone(members), SPLITS, dict.fromkeys(members, "files"))
+        assert set(found.split.values()) == set(SPLITS)
 
 
 def test_copies_follow_the_first_of_them():

@@ -222,7 +222,9 @@ def test_the_command_says_what_to_do_first(vibraverse, tmp_path):
 def test_the_page_shows_it_where_it_was_run(validated, vibraverse):
     (_, record, _), _, _ = validated(vibraverse)
     empty = {
-        "counts": dict.fromkeys(("objects", "bodies", "sounds", "refused_objects", "refused_bodies"), 0),
+        "counts": dict.fromkeys(
+            ("objects", "bodies", "sounds", "sampled_sounds", "refused_objects", "refused_bodies"), 0
+        ),
         **{key: {} for key in ("materials", "objects_by_split", "shards", "made_by", "ranges")},
     }
     assert 'id="validation"' not in render.html("none", empty, [], [], "assets/x")

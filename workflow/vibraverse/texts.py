@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import difflib
 import re
+from collections.abc import Sequence
 
 #: Control characters but white space, and halves of characters: HDF5 holds no NUL, UTF-8 no half.
 _UNFIT = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
+#: Mistakes that a list of them shows.
+_SHOWN = 10
 
 
 def storable(text: str) -> str:
@@ -19,3 +22,11 @@ def unknown(kind: str, name: str, known) -> str:
     near = difflib.get_close_matches(str(name), [str(k) for k in known], n=1, cutoff=0.5)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"unknown {kind} {str(name)!r}{hint} (known: {', '.join(map(str, known))})"
+
+
+def listed(subject: str, mistakes: Sequence[str]) -> str:
+    """Return that ``subject`` has several mistakes, with the first of them, one to a line."""
+    shown = [f"  {mistake}" for mistake in mistakes[:_SHOWN]]
+    if len(mistakes) > _SHOWN:
+        shown.append(f"  and {len(mistakes) - _SHOWN} more")
+    return "\n".join([f"{subject} has {len(mistakes)} mistakes:", *shown])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from vibraverse import guard, products
@@ -92,11 +92,15 @@ def main(argv: list[str]) -> int:
 
 @dataclass(frozen=True)
 class State:
-    """How many objects there are, of how many nothing is left, and the rows of ``refusals.tsv``."""
+    """How many objects there are, of how many nothing is left, and the rows of ``refusals.tsv``.
+
+    ``warnings`` are those about meshes, counted by kind, where a finished dataset says them.
+    """
 
     objects: int
     refused: int
     rows: list[dict]
+    warnings: dict[str, int] = field(default_factory=dict)
 
     @property
     def share(self) -> float:
@@ -123,6 +127,9 @@ def listing(state: State) -> str:
             lines += [f"      {row['advice']}"] if row["advice"] else []
         if len(rows) > _SHOWN:
             lines.append(f"  … and {len(rows) - _SHOWN} more; dataset/refusals.tsv lists all")
+    if state.warnings:
+        told = ", ".join(f"{count} of {kind.replace('_', ' ')}" for kind, count in state.warnings.items())
+        lines += ["", f"Warnings about meshes: {told}; the report lists them."]
     return "\n".join(lines) + "\n"
 
 
@@ -132,9 +139,11 @@ def _recorded(record: Path) -> State:
     for path in (record, table):
         if not path.is_file():
             raise UsageError(f"{path} does not exist; is the dataset finished?")
-    counts = products.read_json(record)["counts"]
+    said = products.read_json(record)
+    counts = said["counts"]
     rows = from_tsv(table.read_text(encoding="utf-8"), REFUSAL_COLUMNS)
-    return State(counts["objects"] + counts["refused_objects"], counts["refused_objects"], rows)
+    objects = counts["objects"] + counts["refused_objects"]
+    return State(objects, counts["refused_objects"], rows, said.get("warnings_by_kind", {}))
 
 
 def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refusals]:

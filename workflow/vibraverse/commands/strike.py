@@ -177,7 +177,7 @@ class _Strike:
                 ),
             }
         except ConfigError as error:
-            raise UsageError(_as_flag(str(error))) from None
+            raise UsageError(_as_flags(error)) from None
         self.output = arguments.output or Path(f"{self.mesh.stem}-{self.material_name}.wav")
         for path in (self.output, *([Path(arguments.json)] if arguments.json not in (None, "-") else [])):
             if not path.absolute().parent.is_dir():
@@ -194,7 +194,7 @@ class _Strike:
         try:
             return validate(Material, values)
         except ConfigError as error:
-            raise UsageError(_as_flag(str(error))) from None
+            raise UsageError(_as_flags(error)) from None
 
     @staticmethod
     def _point(text: str | None) -> tuple[float, float, float] | None:
@@ -332,6 +332,11 @@ def _with_negative_point(argv: list[str]) -> list[str]:
             joined[i : i + 2] = [f"--at={argv[i + 1]}"]
             break
     return joined
+
+
+def _as_flags(error: ConfigError) -> str:
+    """Return mistakes in configuration keys as those in the options that set them."""
+    return str(ConfigError(*map(_as_flag, error.mistakes), subject="the command"))
 
 
 def _as_flag(sentence: str) -> str:

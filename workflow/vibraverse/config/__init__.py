@@ -17,11 +17,15 @@ from vibraverse.config.sources import Sources
 from vibraverse.dataset.splits import JOIN, slice_numbers
 from vibraverse.media.looks import LOOKS
 from vibraverse.physics.materials import MATERIALS, sampled_number
-from vibraverse.texts import unknown
+from vibraverse.texts import listed, unknown
 
 
 class ConfigError(ValueError):
-    """A mistake in the configuration, said in one sentence."""
+    """A mistake in the configuration, said in one sentence; several, in a line each below what ``subject`` has."""
+
+    def __init__(self, *mistakes: str, subject: str = "the configuration"):
+        super().__init__(mistakes[0] if len(mistakes) == 1 else listed(subject, mistakes))
+        self.mistakes = mistakes
 
 
 class Config(Section):
@@ -160,19 +164,16 @@ class Config(Section):
 
 
 def parse(values: dict | None) -> Config:
-    """Return the validated configuration, or raise :class:`ConfigError` with one sentence."""
+    """Return the validated configuration, or raise :class:`ConfigError` with every mistake."""
     return validate(Config, values or {})
 
 
 def validate(model: type[BaseModel], values: dict, prefix: str = ""):
-    """Validate ``values`` as ``model``; the first mistake becomes one sentence naming its key."""
+    """Validate ``values`` as ``model``; every mistake becomes one sentence naming its key."""
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        errors = error.errors(include_url=False)
-        # A misspelt key is also a missing one: say the misspelling.
-        first = next((one for one in errors if one["type"] == "extra_forbidden"), errors[0])
-        raise ConfigError(_sentence(model, first, prefix)) from None
+        raise ConfigError(*_sentences(model, error.errors(include_url=False), prefix)) from None
 
 
 def load(path: str | Path) -> Config:
@@ -197,6 +198,8 @@ def load(path: str | Path) -> Config:
     try:
         return parse(values)
     except ConfigError as error:
+        if len(error.mistakes) > 1:
+            raise ConfigError(*error.mistakes, subject=str(path)) from None
         raise ConfigError(f"{path}: {error}") from None
 
 
@@ -223,13 +226,39 @@ _EXPECTED = {
 }
 
 
-def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
+def _sentences(model: type[BaseModel], errors: list[dict], prefix: str) -> list[str]:
+    """Return one sentence for every mistake, unknown keys first."""
+    told: dict[str, str] = {}
+    branches: dict[tuple, str] = {}
+    for error in sorted(errors, key=lambda one: one["type"] != "extra_forbidden"):
+        *parent, name = error["loc"] or ("",)
+        # A misspelt key is also a missing one: say the misspelling.
+        if error["type"] == "missing" and any(
+            sentence.startswith(f"unknown key '{_key(parent, prefix)}")
+            and f"did you mean {name!r}?" in sentence
+            for sentence in told.values()
+        ):
+            continue
+        # What fits no branch of a union is wrong in each of them: say what the first wants.
+        at = next((place for place, part in enumerate(error["loc"]) if "[" in str(part)), None)
+        if at is not None and branches.setdefault(error["loc"][:at], error["loc"][at]) != error["loc"][at]:
+            continue
+        told.setdefault(_key(error["loc"], prefix), _sentence(model, error, prefix))
+    return list(told.values())
+
+
+def _key(location, prefix: str) -> str:
     key = prefix
-    for part in error["loc"]:
+    for part in location:
         if isinstance(part, int) and key:
             key += f"[{part}]"
         elif "[" not in str(part):  # the others name a branch of a union, not a key
             key += f".{part}" if key else str(part)
+    return key
+
+
+def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
+    key = _key(error["loc"], prefix)
     if error["type"] == "extra_forbidden":
         known = _fields_at(model, error["loc"][:-1])
         return f"unknown key {key!r}; " + unknown("key", error["loc"][-1], known).split("; ", 1)[-1]
@@ -243,7 +272,20 @@ def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
         expected = _EXPECTED[error["type"]].format(**error.get("ctx", {}))
     else:
         expected = f"is not valid ({error['msg'][0].lower()}{error['msg'][1:]})"
-    return f"{key} {expected}, not {_shown(error['input'])}"
+    form = _as_keys(error["input"]) if key == "materials" else ""
+    return f"{key} {expected}, not {_shown(error['input'])}{form}"
+
+
+def _as_keys(value) -> str:
+    """Return how materials that were named in a list are written: as keys, which may have values."""
+    given = value if isinstance(value, list) else [value]
+    names = [
+        name
+        for one in given
+        for name in ([one] if isinstance(one, str) else one if isinstance(one, dict) else [])
+    ]
+    written = ", ".join(f"{name}: " for name in names[:3] or ["steel"])
+    return f"; write materials: {{{written}}}, or each name with its colon on a line of its own below it, indented"
 
 
 def _shown(value) -> str:

@@ -4,12 +4,21 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator, model_validator
 
-from vibraverse.config.base import Section
+from vibraverse.config.base import Section, Size, plausible
+from vibraverse.physics.plausible import (
+    DENSITY_KG_M3,
+    YOUNG_PA,
+    density_mistake,
+    pair_mistake,
+    young_mistake,
+)
 
 #: Poisson's ratio of a stable isotropic solid that is not incompressible.
 Poisson = Annotated[float, Field(gt=-1.0, lt=0.5)]
+Density = plausible(density_mistake, DENSITY_KG_M3)
+Young = plausible(young_mistake, YOUNG_PA)
 
 
 def ascending(value: tuple[float, float]) -> tuple[float, float]:
@@ -22,11 +31,11 @@ def ascending(value: tuple[float, float]) -> tuple[float, float]:
 class Material(Section):
     """A material: elasticity, density and Rayleigh damping."""
 
-    density_kg_m3: PositiveFloat
-    """Density in kg/m³."""
+    density_kg_m3: Density
+    """Density in kg/m³, 1 to 25,000."""
 
-    young_pa: PositiveFloat
-    """Young's modulus in Pa."""
+    young_pa: Young
+    """Young's modulus in Pa, 1e3 to 1.5e12; with the density it may mean no more than 35 km/s of speed of sound."""
 
     poisson: Poisson
     """Poisson's ratio."""
@@ -36,6 +45,12 @@ class Material(Section):
 
     beta_s: float = Field(ge=0)
     """Stiffness-proportional damping in s."""
+
+    @model_validator(mode="after")
+    def _is_a_solid(self):
+        if wrong := pair_mistake(self.density_kg_m3, self.young_pa):
+            raise ValueError(wrong)
+        return self
 
 
 class Sampled(Section):
@@ -51,10 +66,10 @@ class Sampled(Section):
     seed: NonNegativeInt = 0
     """Another seed draws other materials."""
 
-    density_kg_m3: tuple[PositiveFloat, PositiveFloat] = (500.0, 10_000.0)
+    density_kg_m3: tuple[Density, Density] = (500.0, 10_000.0)
     """Range of the density in kg/m³."""
 
-    young_pa: tuple[PositiveFloat, PositiveFloat] = (5e8, 5e11)
+    young_pa: tuple[Young, Young] = (5e8, 5e11)
     """Range of Young's modulus in Pa."""
 
     poisson: tuple[Poisson, Poisson] = (0.1, 0.4)
@@ -131,13 +146,13 @@ class MaterialModes(Modes):
     sampled: Sampled = Sampled()
     """Materials drawn at random."""
 
-    size_m: PositiveFloat | None = None
+    size_m: Size | None = None
     """Longest side of the bounding box in metres; without it the size the source states, else the default."""
 
     size_origin: str | None = None
     """Who says ``size_m``: ``configuration`` or ``manifest``."""
 
-    default_size_m: PositiveFloat = 0.15
+    default_size_m: Size = 0.15
     """Longest side in metres where the source states none."""
 
     modes: PositiveInt = 64

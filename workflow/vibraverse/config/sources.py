@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Literal
 
-from pydantic import Field, NonNegativeInt, PositiveFloat
+from pydantic import Field, NonNegativeInt
 
-from vibraverse.config.base import Section
+from vibraverse.config.base import Section, Size
 
 
 class Generated(Section):
@@ -29,9 +29,9 @@ class Files(Section):
     """A file, a folder (searched with its subfolders), a glob, or a manifest: a ``.csv`` or ``.tsv`` that lists one
     mesh per row. OBJ, STL, PLY, OFF, GLB, glTF, 3MF."""
 
-    size_m: PositiveFloat | None = None
-    """Longest side of every mesh in metres, unless its row states one; without it GLB, glTF and 3MF keep the size
-    they state and others get ``sources.default_size_m``."""
+    size_m: Size | None = None
+    """Longest side of every mesh in metres, 0.001 to 50, unless its row states one; without it GLB, glTF and 3MF
+    keep the size they state and others get ``sources.default_size_m``."""
 
     category: str | None = None
     """What kind of thing these files show, unless a row says it; kept in every record."""
@@ -68,10 +68,10 @@ class Sources(Section):
     objaverse: Objaverse = Objaverse()
     """Objaverse models."""
 
-    default_size_m: PositiveFloat = 0.15
+    default_size_m: Size = 0.15
     """Longest side in metres of an object whose source states no size."""
 
-    sizes_m: dict[str, PositiveFloat] = Field(default_factory=dict)
+    sizes_m: dict[str, Size] = Field(default_factory=dict)
     """Longest side in metres by object id, overriding every other statement. Changing a size reruns only
     ``modes`` and what reads it."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 from vibraverse import __version__
 from vibraverse.dataset.reader import Reader
+from vibraverse.dataset.splits import emptiness
 
 _READ = """\
 ```python
@@ -60,6 +61,7 @@ def card(record: dict, options, attributions: Iterable[str], sheet: str) -> str:
         _table(("what", "count"), [(name.replace("_", " "), f"{count:,}") for name, count in counts.items()]),
         "An item is one material of one body of one object; a sampled material is stored as a row of arrays.",
         _counts("split", record["objects_by_split"]),
+        emptiness(record["objects_by_split"]),
         f"{record['copies']['copies']:,} of the objects are copies of another's shape and stand on its side.",
         "## Sources and licences",
         _counts("source", record["objects_by_origin"]),

@@ -115,6 +115,21 @@ def assign(
     return Splits(split, first, sorted(one for one in kept if one in split and split[one] != kept[one]))
 
 
+def emptiness(objects: dict[str, int]) -> str:
+    """Return which splits hold none of the objects and what fills them, in a sentence; empty when all hold some.
+
+    ``objects`` is how many there are by split; of a dataset without objects there is nothing to say.
+    """
+    names = [name for name, count in objects.items() if not count]
+    if not names or len(names) == len(objects):
+        return ""
+    which = f"The split {names[0]} holds" if len(names) == 1 else f"The splits {' and '.join(names)} hold"
+    return (
+        f"{which} no object: take more objects, give {'it' if len(names) == 1 else 'them'} a larger share in "
+        "dataset.splits, or set dataset.stratify to origin, which keeps to the shares within every source."
+    )
+
+
 def _cut(sizes: dict[str, int], splits: dict[str, float], decided: dict[str, str]) -> dict[str, str]:
     """Return the split of every shape of a stratum that is not decided yet: (shape to number of copies)."""
     total = sum(sizes.values())

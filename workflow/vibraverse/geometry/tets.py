@@ -14,6 +14,7 @@ from itertools import product
 import numpy as np
 
 from vibraverse.geometry import Mesh, quality, surfaces
+from vibraverse.geometry.cautions import FAR_OFF, THIN, cautions
 from vibraverse.geometry.fill import ALGORITHMS, fill, ordered
 from vibraverse.geometry.remesh import Evened, SheetsMeet
 from vibraverse.geometry.sight import depth_below
@@ -44,12 +45,8 @@ _LARGEST, _SURFACE = 100_000, 4.0
 _DEVIATION = 0.07
 #: How much gmsh's second optimiser adds to the number of elements.
 _OPTIMISED = 1.03
-#: An element count this many times the target is worth a warning.
-_FAR_OFF = 1.5
 #: Opposite sides farther apart than this are not looked for; a body's longest side is 1.8.
 _FAR = 4.0
-#: Below this many elements from one side to the other a wall counts as thin.
-_THIN = 2.0
 
 
 @dataclass(frozen=True)
@@ -131,7 +128,7 @@ def tetrahedralise(
                 continue
             table = {"ridge_deg": ridge_deg, "algorithm": algorithm, **table, "layers": _layers(remade)}
             nodes, cells = ordered(nodes, cells)
-            return TetMesh(nodes, cells, table, _warnings(table, len(cells), remade.wanted))
+            return TetMesh(nodes, cells, table, cautions(table, len(cells), remade.wanted))
     raise Refused(
         "meshing_failed",
         f"No recipe filled the surface with tetrahedra: {'; '.join(dict.fromkeys(complaints))}.",
@@ -204,10 +201,10 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
         if abs(tried[-1].excess) < np.log(_TOLERANCE):
             break
         exponent = _exponent(tried)
-        if exponent > _IDLE and 0 < tried[-1].excess < np.log(_FAR_OFF):
+        if exponent > _IDLE and 0 < tried[-1].excess < np.log(FAR_OFF):
             break
         size *= float(np.clip(np.exp(exponent * tried[-1].excess), 0.5, 2.0))
-        if size > largest or (size > _STEP_BACK * too_large and tried[-1].excess < np.log(_FAR_OFF)):
+        if size > largest or (size > _STEP_BACK * too_large and tried[-1].excess < np.log(FAR_OFF)):
             break
     if not tried:
         raise SheetsMeet(f"sheets of the surface are closer than triangles of {too_large:.3g}")
@@ -256,22 +253,5 @@ def _layers(remade: _Remade) -> dict:
     return {
         "p05": round(float(p05), 3),
         "median": round(float(median), 3),
-        "thin_share": round(float((layers < _THIN).mean()), 3),
+        "thin_share": round(float((layers < THIN).mean()), 3),
     }
-
-
-def _warnings(table: dict, count: int, target: float) -> list[str]:
-    """Return sentences about what makes a mesh less trustworthy or dearer than asked."""
-    warnings = []
-    if table["layers"]["thin_share"] > 0.1:
-        warnings.append(
-            f"{100 * table['layers']['thin_share']:.0f} % of the surface bounds walls thinner than {_THIN:g} elements "
-            f"(half of them below {table['layers']['median']:.2g}): raise tets.target_elements where bending matters."
-        )
-    if count > _FAR_OFF * target:
-        warnings.append(
-            f"{count} tetrahedra instead of {target:.0f}: sheets too close for larger triangles need them."
-        )
-    if table["slivers"]:
-        warnings.append(f"{table['slivers']} tetrahedra have an angle below 5 degrees between two faces.")
-    return warnings

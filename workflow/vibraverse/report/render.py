@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from importlib import resources
 
 import jinja2
@@ -11,6 +12,8 @@ from markupsafe import Markup
 
 from vibraverse import __version__
 from vibraverse.dataset.reader import Reader
+from vibraverse.dataset.splits import emptiness
+from vibraverse.geometry.cautions import KINDS
 from vibraverse.refusal import REASONS
 from vibraverse.report import quantities
 from vibraverse.report.content import Card, card
@@ -19,6 +22,8 @@ from vibraverse.validation import plot
 
 #: The look shown first, where there is one.
 _FIRST_LOOK = "clay"
+#: Warnings of one kind that are listed.
+_MOST = 20
 
 
 def gather(reader: Reader, max_objects: int) -> tuple[list[Card], dict[str, bytes]]:
@@ -34,11 +39,13 @@ def html(
     cards: list[Card],
     assets_folder: str,
     validation: dict | None = None,
+    warnings: Sequence[dict] = (),
 ) -> str:
     """Return the page.
 
     ``record`` is the content of ``dataset.json``, ``refusals`` are the rows of ``refusals.tsv``, ``assets_folder`` is
-    where the pictures and sounds lie, relative to the page, and ``validation`` the content of ``validation.json``.
+    where the pictures and sounds lie, relative to the page, ``validation`` the content of ``validation.json``,
+    and ``warnings`` what :func:`vibraverse.dataset.summary.warnings` found.
     """
     environment = jinja2.Environment(
         autoescape=True,
@@ -67,14 +74,19 @@ def html(
         data=Markup(_data(record, cards, assets_folder)),
         assets=assets_folder,
         counts=record["counts"],
+        sounds=record["counts"]["sounds"] - record["counts"]["sampled_sounds"],
         materials=record["materials"],
         splits=record["objects_by_split"],
+        empty_splits=emptiness(record["objects_by_split"]),
         shards=record["shards"],
         stages={name: _how(record["made_by"][name]) for name in VERSIONS if name in record["made_by"]},
         families=sorted({one.facts["category"] for one in cards if one.facts["category"]}),
         cards=[_with_cover(one) for one in cards],
         more=record["counts"]["objects"] - len(cards),
-        refusals=_by_reason(refusals),
+        refusals=_grouped(refusals, "reason", REASONS),
+        warnings=_grouped(warnings, "kind", KINDS),
+        warned=len({(row["object"], row["solidity"]) for row in warnings}),
+        most=_MOST,
         validation=validation,
         convergence=Markup(plot.svg(validation["bodies"], inside_html=True)) if validation else "",
     )
@@ -121,12 +133,13 @@ def ticks(low_hz: float, high_hz: float) -> list[float]:
     return [hz for hz in found if low_hz <= hz <= high_hz]
 
 
-def _by_reason(refusals: list[dict]) -> list[dict]:
+def _grouped(rows: Sequence[dict], by: str, sentences: dict[str, str]) -> list[dict]:
+    """Return rows in groups with the sentence of each, most frequent first."""
     groups: dict[str, list[dict]] = {}
-    for row in refusals:
-        groups.setdefault(row["reason"], []).append(row)
+    for row in rows:
+        groups.setdefault(row[by], []).append(row)
     ordered = sorted(groups.items(), key=lambda item: (-len(item[1]), item[0]))
-    return [{"reason": reason, "sentence": REASONS[reason], "rows": rows} for reason, rows in ordered]
+    return [{"sentence": sentences[name], "rows": members} for name, members in ordered]
 
 
 def _how(how: dict) -> dict:

@@ -15,19 +15,19 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from vibraverse.physics.plausible import size_mistake
 from vibraverse.sources.files import NoMeshes, is_mesh, known_formats, slug, wrong_characters
 
 #: Column -> what it holds.
 COLUMNS = {
     "path": "the mesh file, relative to the manifest",
     "id": "the object's id; default: the path without its extension, as of a file in a folder",
-    "size_m": "longest side in metres",
+    "size_m": "longest side in metres, 0.001 to 50",
     "category": "what kind of thing it is",
     "licence": "its licence",
 }
 
 _EXTENSIONS = (".csv", ".tsv")
-_SHOWN = 10
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
         file = manifest.parent / values["path"]
         rows.append(Row(object_, file, size_m, values.get("category") or None, values.get("licence") or None))
     if mistakes:
-        raise NoMeshes(_listed(path, mistakes))
+        raise NoMeshes(_told(path, mistakes))
     if not rows:
         raise NoMeshes(f"the manifest {path} lists no meshes")
     return rows
@@ -143,7 +143,7 @@ def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
     if "path" not in columns:
         mistakes.append(f"line 1: the column path is missing (known columns: {', '.join(COLUMNS)})")
     if mistakes:
-        raise NoMeshes(_listed(str(manifest), mistakes))
+        raise NoMeshes(_told(str(manifest), mistakes))
     return columns
 
 
@@ -175,9 +175,13 @@ def _row_mistakes(
     if category and categories and category not in categories:
         yield "category", unknown("category", category, categories)
     size = values.get("size_m")
-    if size and not _is_size(size):
+    if not size:
+        return
+    if not _is_size(size):
         hint = "; write a decimal point" if _is_size(size.replace(",", ".")) else ""
         yield "size_m", f"{size!r} is not a positive number of metres{hint}"
+    elif wrong := size_mistake(float(size)):
+        yield "size_m", wrong
 
 
 def _file_mistake(path: str) -> str:
@@ -195,11 +199,9 @@ def _is_size(text: str) -> bool:
         return False
 
 
-def _listed(path: str, mistakes: list[str]) -> str:
+def _told(path: str, mistakes: list[str]) -> str:
     """Return one mistake as a sentence, and several as a list."""
-    if len(mistakes) == 1:
-        return f"the manifest {path}, {mistakes[0]}"
-    shown = [f"  {mistake}" for mistake in mistakes[:_SHOWN]]
-    if len(mistakes) > _SHOWN:
-        shown.append(f"  and {len(mistakes) - _SHOWN} more")
-    return "\n".join([f"the manifest {path} has {len(mistakes)} mistakes:", *shown])
+    from vibraverse.texts import listed
+
+    subject = f"the manifest {path}"
+    return f"{subject}, {mistakes[0]}" if len(mistakes) == 1 else listed(subject, mistakes)

@@ -35,7 +35,7 @@ def run(job: Job) -> None:
         job.outputs["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
         write_parquet(job.outputs["parquet"], reader.items, INDEX_COLUMNS)
         job.outputs["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
-        found = {**summary(reader), "copies": splits.summary()}
+        found = {**summary(reader, job.options.splits), "copies": splits.summary()}
         attributions = [reader.group(name).attrs["attribution"] for name in reader.objects]
         job.outputs["overview"].write_bytes(overview(reader))
     shards = {path.name: _facts(path) for path in job.inputs["shards"]}

@@ -20,6 +20,7 @@ def run(job: Job) -> None:
     """Write pictures and sounds, then the page."""
     from vibraverse.dataset.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
+    from vibraverse.dataset.summary import warnings
     from vibraverse.dataset.tables import from_tsv
     from vibraverse.report import render
 
@@ -29,9 +30,10 @@ def run(job: Job) -> None:
     with Reader(job.inputs["shards"]) as reader:
         reader.items, reader.refusals = index, refusals
         cards, assets = render.gather(reader, job.options.max_objects)
+        warned = warnings(reader)
     folder = write_assets(job.final["page"].parent / "assets", assets)
     validation = products.read_json(job.inputs["validation"]) if "validation" in job.inputs else None
-    page = render.html(job.options.title, record, refusals, cards, f"assets/{folder}", validation)
+    page = render.html(job.options.title, record, refusals, cards, f"assets/{folder}", validation, warned)
     job.outputs["page"].write_text(page, encoding="utf-8")
 
 
