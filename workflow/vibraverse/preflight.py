@@ -11,10 +11,12 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterable, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 
 from vibraverse import containers, gpus, products
 from vibraverse.commands import counted
+from vibraverse.config import ConfigError, read
 
 #: The Slurm job that this process is part of, if any: by itself, and as its array. Read when this is imported, for
 #: Snakemake's Slurm plugin deletes the variables before a run's first job.
@@ -25,13 +27,24 @@ class NotThere(Exception):
     """Something that the run needs is not there; the message says what, and the remedy."""
 
 
-def stop_without(check, *arguments) -> None:
-    """Run a check; end the process with its sentence and exit status 2 where it fails."""
+def stop_without(check, *arguments):
+    """Run a check and return what it finds; end the process with its sentence and exit status 2 where it fails."""
     try:
-        check(*arguments)
-    except NotThere as missing:
+        return check(*arguments)
+    except (NotThere, ConfigError) as missing:
         print(f"vibraverse: {missing}", file=sys.stderr)
         sys.exit(2)
+
+
+@contextmanager
+def readable(path: str):
+    """Let Snakemake read a configuration; where it cannot, end the process with a sentence that names file and line."""
+    try:
+        yield
+    except Exception:
+        if os.path.exists(path):  # Snakemake itself names one that is not there
+            stop_without(read, path)
+        raise
 
 
 def configuration(path: str, text: str) -> None:
