@@ -21,6 +21,11 @@ plan = preflight.stop_without(Plan, chosen)
 paths = plan.paths
 
 
+def known(kind, name):
+    """Return the name of an object or a shard that a file is asked for; end the run where it has none of that name."""
+    return preflight.stop_without(preflight.known, plan, kind, name, workflow.overwrite_configfiles)
+
+
 wildcard_constraints:
     object=r"[A-Za-z0-9_-]+",
     solidity="solid|hollow",
