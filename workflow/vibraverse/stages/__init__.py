@@ -14,7 +14,7 @@ VERSIONS = {
     "images": 1,
     "dataset": 6,
     "index": 5,
-    "report": 3,
+    "report": 4,
     "validation_meshes": 2,
     "validation_modes": 1,
     "validation_table": 1,
