@@ -3,10 +3,15 @@ import os
 
 from snakemake.utils import min_version
 
+from vibraverse import preflight
+
 min_version("9.20")
 
+# A file given with --configfile stands alone (rules/common.smk): one that lies here is not even read.
+if not workflow.overwrite_configfiles:
+    with preflight.readable("config.yaml"):
 
-configfile: "config.yaml"
+        configfile: "config.yaml"
 
 
 report: "workflow/report/workflow.rst"

@@ -230,7 +230,7 @@ def report(check: Check) -> None:
     with Reader([shard]) as reader:
         index["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
         index["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
-        products.write_json(index["record"], {**summary(reader), "shards": {}})
+        products.write_json(index["record"], {**summary(reader, {}), "shards": {}})
     check.run("report", *check.options("report"), shards=shard, **index, page=check.at(paths.report))
 
 

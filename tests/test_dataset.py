@@ -200,8 +200,8 @@ def test_wrong_names_are_said_with_the_nearest_right_one(reader, results):
         vibraverse.dataset.open(results / "dataset", fields=["nonsense"])
     with pytest.raises(KeyError, match="unknown object 'bar-0001'; did you mean 'bar-0000'"):
         reader.read("occupancy", "bar-0001")
-    with pytest.raises(KeyError, match="'ball-0000' holds no frequencies_hz at 'hollow/materials/steel"):
-        reader.read("frequencies_hz", "ball-0000", "hollow", "steel")
+    with pytest.raises(KeyError, match="'ball-0000' holds no frequencies_hz at 'solid/materials/tin"):
+        reader.read("frequencies_hz", "ball-0000", "solid", "tin")
     with pytest.raises(FileNotFoundError, match="holds no finished dataset"):
         vibraverse.dataset.open(results)
 

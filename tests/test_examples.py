@@ -38,6 +38,16 @@ def test_a_mode_is_plotted_and_a_sound_written(root, folder, tmp_path):
     assert (np.ptp(pixels.astype(int), axis=2) > 60).mean() > 0.02  # a coloured surface, not an empty frame
 
 
+def test_a_folder_that_is_not_there_is_one_sentence(root, tmp_path):
+    script = root / "examples/read_dataset.py"
+    command = [sys.executable, script]
+    done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 1
+    assert done.stderr == (
+        f"there is no results/dataset; name the dataset: python {script} PATH/TO/results/dataset\n"
+    )
+
+
 def test_it_is_twenty_lines(root):
     text = (root / "examples/read_dataset.py").read_text(encoding="utf-8")
     docstring = ast.parse(text).body[0]

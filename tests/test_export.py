@@ -148,7 +148,15 @@ def test_a_column_may_be_named_again_and_numbers_are_numbers(export):
             ("--format", "webdataset", "--where", "materal=wood"),
             "unknown column 'materal'; did you mean 'material'?",
         ),
-        (("--format", "webdataset", "--where", "material=tin"), "holds no such items"),
+        (
+            ("--format", "webdataset", "--where", "material=stell", "solidity=solid"),
+            "holds no such items: unknown material 'stell'; did you mean 'steel'? (known: ceramic, glass, steel, wood)",
+        ),
+        (("--format", "webdataset", "--where", "size_m=0.2"), "size_m is nowhere 0.2; nearest: 0.18"),
+        (
+            ("--format", "webdataset", "--where", "object=ball-0000", "solidity=hollow"),
+            "each of these values occurs, but in no item together (object=ball-0000 solidity=hollow)",
+        ),
         (("--format", "webdataset", "--where", "modes=many"), "modes is a number in every row, not 'many'"),
         (("--format", "webdataset", "--parquet"), "--parquet goes with --format huggingface"),
         (("--format", "webdataset", "--max-mb", "0"), "--max-mb must be greater than 0, not 0"),
@@ -158,6 +166,15 @@ def test_a_mistake_is_one_sentence(export, arguments, words):
     _, said = export(*arguments, status=2)
     assert words in said
     assert len(said.strip().splitlines()) == 1
+
+
+def test_a_value_that_occurs_nowhere_beside_one_that_does_is_said(folder, tmp_path, vibraverse):
+    arguments = ("--format", "webdataset", "--where", "material=wood,tin")
+    status, _, said = vibraverse("export", folder, "-o", tmp_path / "out", *arguments)
+    assert status == 0
+    assert said == (
+        "vibraverse: export: passed over: unknown material 'tin' (known: ceramic, glass, steel, wood)\n"
+    )
 
 
 def test_what_is_there_is_not_overwritten(export, tmp_path):

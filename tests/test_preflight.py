@@ -14,6 +14,8 @@ import pytest
 import yaml
 
 from vibraverse import compiled, containers, preflight
+from vibraverse.plan import Plan
+from workflow_runs import Run
 
 PROFILES = ("default", "apptainer", "slurm", "slurm-apptainer", "kubernetes")
 
@@ -201,6 +203,51 @@ def test_a_family_that_is_none_is_named(root):
 
 
 # The sentences before a run
+
+
+def test_an_object_or_shard_that_the_run_has_not_is_named():
+    plan = Plan({"sources": {"generated": {"count": 1, "families": ["bar"]}}, "dataset": {"shards": 1}})
+    assert preflight.known(plan, [], "object", "bar-0000") == "bar-0000"
+    assert said(preflight.known, plan, [], "object", "bar-000").endswith(
+        "; `vibraverse objects` lists those that config.yaml names"
+    )
+    assert "unknown shard '00007'" in said(preflight.known, plan, [], "shard", "00007")
+    sliced = Plan({**plan.config.model_dump(), "slice": "1/1"})
+    assert said(preflight.known, sliced, ["my run.yaml"], "object", "cup").endswith(
+        "; `vibraverse objects --config 'my run.yaml'` lists those that my run.yaml names; this run is slice 1/1 of all"
+    )
+
+
+@pytest.mark.parametrize(
+    ("target", "sentence"),
+    [
+        (
+            "objects/bar-000/solid/modes.h5",
+            "an unknown object 'bar-000'; did you mean 'bar-0000'? (known: bar-0000); ",
+        ),
+        ("dataset/shards/00099.h5", "an unknown shard '00099'"),
+    ],
+)
+def test_a_file_of_an_object_that_is_not_configured_is_one_sentence(root, tmp_path, target, sentence):
+    done = Run(tmp_path, root)("--dry-run", f"results/{target}", check=False)
+    said = done.stdout + done.stderr
+    assert done.returncode == 2
+    assert f"\nvibraverse: a file is asked for of {sentence}" in said
+    assert "Traceback" not in said
+
+
+def test_a_product_of_an_object_of_before_may_be_a_source(root, tmp_path):
+    """Snakemake asks for the jobs that would make it, and takes it as it lies."""
+    before = tmp_path / "results/objects/before/surface.ply"
+    before.parent.mkdir(parents=True)
+    before.write_text("no run reads it here")
+    run = Run(tmp_path, root)
+    run.config["sources"] = {
+        "generated": {"count": 0},
+        "bundled": [],
+        "files": [{"path": "results/objects/before/surface.ply"}],
+    }
+    assert run.plan()[0]["clean"] == 1
 
 
 def test_without_apptainer(bin_, monkeypatch):

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 import make_products
+import vibraverse.dataset
 from vibraverse import products
 from vibraverse.refusal import read_refusal
 
@@ -104,6 +105,23 @@ def test_a_finished_dataset_s_own_count(tmp_path, vibraverse):
     assert products.read_json(verdict)["accepted"] is False
     assert vibraverse("refusals", "--record", tmp_path / "none.json")[0] == 2
     assert vibraverse("refusals", "--record", paths.dataset_record, "--retry")[0] == 2
+
+
+def test_a_reader_says_where_and_why(tmp_path):
+    make_products.build(tmp_path)
+    body = (
+        r"^.the hollow body of 'ball-0000' was refused at hollow \(too_thin\): The wall of ball-0000 would be"
+    )
+    whole = r"^.the object 'leaf' was refused at clean \(not_a_solid\): leaf.obj is flat"
+    with vibraverse.dataset.open(tmp_path / "dataset") as reader:
+        for material in ("steel", "sampled-0000"):
+            with pytest.raises(KeyError, match=body):
+                reader.read("frequencies_hz", "ball-0000", "hollow", material)
+        for field in ("frequencies_hz", "occupancy"):
+            with pytest.raises(KeyError, match=whole):
+                reader.read(field, "leaf", "solid", "steel")
+        with pytest.raises(KeyError, match="'ball-0000' holds no views at 'views/tin'"):
+            reader.read("views", "ball-0000", "hollow", look="tin")
 
 
 def test_retry_all_deletes_refused_products_and_nothing_else(results, vibraverse):

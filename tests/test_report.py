@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import re
+import shlex
 import shutil
 from pathlib import Path
 
@@ -191,6 +192,16 @@ def test_refusals_are_listed_with_reason_and_advice(browser):
     assert "ball-0000 hollow" in text
     notice = browser.find_element("css selector", "#ball-0000 .notice").text
     assert notice.startswith("No hollow body (refused at hollow). The wall of ball-0000 would be too thin.")
+
+
+def test_the_advised_command_names_the_folder_that_the_page_lies_in(browser, page, tmp_path):
+    assert "vibraverse refusals --results RESULTS --retry" in page.read_text(encoding="utf-8")
+    for report in (page.parent, shutil.copytree(page.parent, tmp_path / "it's mine/report")):
+        browser.get((report / page.name).as_uri())
+        words = ["vibraverse", "refusals", "--results", str(report.parent), "--retry"]
+        assert browser.find_element("id", "retry").text == shlex.join(words)
+        assert not browser.find_element("id", "where").is_displayed()
+    browser.get(page.as_uri())
 
 
 def test_filters(browser):

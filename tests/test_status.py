@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
+import time
+from collections import Counter
 from pathlib import Path
 
 import pytest
 
 from vibraverse import guard, progress
+from vibraverse.commands.status import _refused
 from vibraverse.config import parse
 from vibraverse.plan import Plan
 from vibraverse.refusal import Refusal
@@ -118,12 +122,119 @@ def test_time_left_comes_from_the_benchmarks(plan):
     assert unknown == ["clean", "grids", "hollow", "images", "modes", "sources", "tets"]
 
 
+def begin(plan: Plan, stage: str, ago: float) -> str:
+    """Take the products of a stage of the first object's solid body away, and let its log be written some time ago."""
+    for product in {"basis": ("basis.h5", "modes.h5", "sounds/audio.json"), "audio": ("sounds/audio.json",)}[
+        stage
+    ]:
+        Path(f"results/objects/{DONE}/solid/{product}").unlink()
+    Path(f"results/benchmarks/{DONE}/{stage}.solid.tsv").rename(
+        f"results/benchmarks/{PARTLY}/{stage}.hollow.tsv"
+    )
+    log = f"results/logs/{DONE}/{stage}.solid.log"
+    write(log, f"vibraverse {stage}\n")
+    os.utime(log, (time.time() - ago,) * 2)
+    return log
+
+
+@pytest.mark.parametrize(("ago", "rest"), [(10, 20), (500, 0)])
+def test_what_running_jobs_have_behind_them_is_not_left(plan, ago, rest):
+    begin(plan, "basis", ago)
+    now = time.time()
+    found = progress.survey(plan, now - 1000)
+    assert (found.running, found.left()["basis"]) == (1, 3)
+    seconds, _ = progress.seconds_left(found, progress.mean_seconds(plan), now)
+    assert seconds == pytest.approx(2 * 30 + rest + 3 * 60, abs=1)
+
+
+def test_jobs_that_run_are_named_with_their_begin(plan, vibraverse, monkeypatch):
+    log = begin(plan, "basis", 500)
+    for name in ("index", "dataset/00000"):
+        write(f"results/logs/{name}.log", "vibraverse\n")
+    monkeypatch.setattr(guard, "run_since", lambda _: time.time() - 1000)
+    out = vibraverse("status")[1]
+    assert (
+        "A run works, on 1 job of objects. Left: 4 min for one job at a time; more, because 1 job already"
+        in out
+    )
+    since = time.strftime("%H:%M", time.localtime(os.stat(log).st_mtime))
+    lines = out.splitlines()
+    place = lines.index("running, the longest first:")
+    assert lines[place + 1].endswith(f"{since} (8 min, 30 s on average): {log}")
+    assert lines[place + 2].startswith("    index since ")
+    for name in (DONE, PARTLY, GONE):
+        shutil.rmtree(f"results/benchmarks/{name}")
+    assert vibraverse("status")[1].endswith(" No job has ended yet, so the time left is not known.\n")
+    write(f"results/benchmarks/{DONE}/dataset.00000.tsv", "s\th:m:s\n3.0\t0:00:03\n")
+    assert vibraverse("status")[1].endswith(
+        " No job of audio, basis, clean, grids, hollow, images, modes, sources, tets has ended yet, "
+        "so the time left is not known.\n"
+    )
+
+
+def test_only_some_of_many_running_jobs_are_named(plan, vibraverse, monkeypatch):
+    works = [progress.Work("tets", f"{number}.log", time.time() - number) for number in range(9)]
+    found = progress.Survey(works=works)
+    monkeypatch.setattr("vibraverse.commands.status.survey", lambda *_: found)
+    out = vibraverse("status")[1]
+    assert out.count(".log") == 5
+    assert ": 8.log\n" in out
+    assert "    … and 4 more\n" in out
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not tell")
+def test_a_job_that_a_killed_run_left_is_seen(plan, vibraverse):
+    log = begin(plan, "basis", 500)
+    with open(log, "a") as file, subprocess.Popen(["sleep", "20"], stdout=file, stderr=file) as job:
+        for started in (None, time.time()):  # no run, or one that has not come to this job
+            found = progress.survey(plan, started)
+            assert [(work.log, work.orphan) for work in found.works] == [(log, job.pid)]
+            assert (found.jobs["basis"]["running"], found.running, found.stopped) == (1, 0, [])
+        out = vibraverse("status")[1]
+        assert f", process {job.pid} of a run that is gone: {log}\n" in out
+        assert (
+            "No run works. 1 job of a run that is gone still computes: before the next run wait for its end, or end "
+            f"it with `kill {job.pid}`. Left: "
+        ) in out
+        job.kill()
+    assert progress.survey(plan, None).stopped == [log]
+
+
+@pytest.mark.parametrize(
+    ("survey", "line"),
+    [
+        ({"objects": {"refused": 3}, "body_by_body": 1}, "3 objects whole (1 of them body by body)"),
+        ({"in_part": 2}, "one of the two bodies of 2 objects, which go on with the rest"),
+        (
+            {"objects": {"refused": 1}, "in_part": 2},
+            "1 object whole, and one of the two bodies of 2 others, which go on with the rest",
+        ),
+    ],
+)
+def test_refusals_of_bodies_and_objects_add_up(survey, line):
+    found = progress.Survey(**{**survey, "objects": Counter(survey.get("objects", {}))})
+    assert _refused(found) == f"refused: {line}"
+
+
+def test_an_object_whose_bodies_are_all_refused_counts_once(plan):
+    for path in object_products(plan, PARTLY):
+        if "/solid/" in path:
+            write(path, Refusal(PARTLY, "tets", "meshing_failed", "No.").to_text())
+    found = progress.survey(plan, None)
+    assert found.objects == {"done": 1, "refused": 2, "missing": 1}
+    assert (found.in_part, found.body_by_body, len(found.refusals)) == (0, 1, 3)
+
+
 def test_the_command_says_it_all(plan, vibraverse):
     write("results/objects/cup-0000/source.json", "{}")
     status, out, _ = vibraverse("status")
     assert status == 0
-    assert out.startswith("4 objects: 2 done, 0 begun, 1 not begun, 1 refused, 1 more in part\n")
-    assert "    refused at clean: not_a_solid, 1\n" in out
+    assert out.startswith(
+        "4 objects: 2 done, 0 begun, 1 not begun, 1 refused\n"
+        "refused: 1 object whole, and one of the two bodies of 1 other, which goes on with the rest\n"
+    )
+    assert "    refused at clean: not_a_solid, 1 object\n" in out
+    assert "    refused at hollow: too_thin, 1 body\n" in out
     assert "    1 more in results/objects, which the configuration does not name\n" in out
     assert "modes             3        3        0        0        2\n" in out
     assert "dataset: 0 of 3 shards, index missing, report missing\n" in out

@@ -226,6 +226,32 @@ def test_a_bad_configuration_is_one_sentence(tmp_path, root, change, sentence):
     assert not (tmp_path / "results").exists()
 
 
+@pytest.mark.parametrize(
+    ("content", "sentence"),
+    [
+        (b"a: [b\n", "config.yaml, line 2, column 1: not valid YAML, expected ',' or ']', but got"),
+        (b"- a\n", 'config.yaml must hold keys and values, not ["a"]'),
+        (b"", "config.yaml holds no keys; write {} for a run with every default"),
+        (b"a: \xff\n", "config.yaml is not valid YAML: 'utf-8' codec can't decode byte 0xff"),
+    ],
+)
+def test_a_file_that_is_no_configuration_is_named(tmp_path, root, content, sentence):
+    """Snakemake itself would end with a traceback, or with words that do not name the file."""
+    run = Run(tmp_path, root)
+    run.config = content
+    done = run("--dry-run", check=False)
+    assert done.returncode == 2
+    assert f"\nvibraverse: {sentence}" in done.stdout + done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+def test_a_file_beside_the_one_that_is_named_is_not_read(tmp_path, root):
+    run = Run(tmp_path, root)
+    (tmp_path / "only.yaml").write_text(yaml.safe_dump(run.config))
+    run.config = b"a: [b\n"
+    run("--dry-run", "--configfile", "only.yaml")
+
+
 def test_bad_meshes_are_records_and_the_rest_goes_on(finished, tmp_path):
     """Bad files beside a good object: each is refused, the run succeeds, and the summary says so."""
     meshes = tmp_path / "meshes"

@@ -27,14 +27,15 @@ TINY = {
 
 
 class Run:
-    """A folder in which the workflow runs with a configuration that a test may change."""
+    """A folder in which the workflow runs with a configuration that a test may change: a dictionary, or bytes."""
 
     def __init__(self, folder: Path, root: Path, config: dict | None = None, profile: str = "default"):
         self.folder, self.root, self.profile = folder, root, profile
         self.config = copy.deepcopy(config or TINY)
 
     def command(self, *arguments: str) -> list[str]:
-        (self.folder / "config.yaml").write_text(yaml.safe_dump(self.config))
+        config = self.config if isinstance(self.config, bytes) else yaml.safe_dump(self.config).encode()
+        (self.folder / "config.yaml").write_bytes(config)
         return [
             sys.executable, "-m", "snakemake", "--snakefile", str(self.root / "Snakefile"),
             "--directory", str(self.folder),

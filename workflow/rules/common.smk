@@ -1,9 +1,8 @@
 # What every rule shares: the plan, the resource classes, the wildcards.
 import gc
-import sys
+from functools import partial
 
-from vibraverse import targets
-from vibraverse.config import ConfigError
+from vibraverse import preflight, targets
 from vibraverse.containers import image
 from vibraverse.plan import Plan
 from vibraverse.products import text_sha256
@@ -19,13 +18,11 @@ chosen = workflow.config_settings.overwrite_config if workflow.overwrite_configf
 gc.freeze()
 gc.set_threshold(200_000, 50, 1000)
 
-try:
-    plan = Plan(chosen)
-except ConfigError as error:
-    print(f"vibraverse: {error}", file=sys.stderr)
-    sys.exit(2)
-
+plan = preflight.stop_without(Plan, chosen)
 paths = plan.paths
+
+# The name of an object or a shard that a file is asked for; where the run has none of that name, it ends.
+known = partial(preflight.stop_without, preflight.known, plan, workflow.overwrite_configfiles)
 
 
 wildcard_constraints:

@@ -5,7 +5,7 @@ if not plan.joins:
 
     rule dataset:
         input:
-            products=lambda wildcards: targets.shard_products(plan, wildcards.shard),
+            products=lambda wildcards: targets.shard_products(plan, known("shard", wildcards.shard)),
         output:
             shard=paths.shard,
         log:

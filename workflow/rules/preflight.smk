@@ -1,7 +1,6 @@
 # What a run needs of the machine, asked before its first job. Included last: every rule is known.
 from snakemake.settings.types import DeploymentMethod
 
-from vibraverse import preflight
 from vibraverse.guard import only_run
 
 in_containers = DeploymentMethod.APPTAINER in workflow.deployment_settings.deployment_method

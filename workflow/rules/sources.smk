@@ -3,7 +3,7 @@
 
 rule sources:
     input:
-        file=lambda wildcards: targets.source_file(plan, wildcards.object),
+        file=lambda wildcards: targets.source_file(plan, known("object", wildcards.object)),
     output:
         mesh=paths.source_mesh,
         record=paths.source_record,

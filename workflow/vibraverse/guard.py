@@ -14,6 +14,7 @@ import os
 import struct
 import sys
 from collections.abc import Iterable
+from contextlib import suppress
 from pathlib import Path
 
 from vibraverse.products import not_stored
@@ -70,6 +71,20 @@ def only_run(results: str | Path, shards: Iterable[int] | None = None):
     os.utime(lock.fileno())  # when the run began
     _held.append(lock)
     return lock
+
+
+def outputs() -> dict[str, int]:
+    """Return the files that processes here have as their standard output, each with the process (the lowest number).
+
+    A job's is its log, also when the run that started it is gone. Other systems than Linux do not tell, nor do they of
+    other users' processes, nor of other machines.
+    """
+    found: dict[str, int] = {}
+    for entry in Path("/proc").glob("[0-9]*") if sys.platform.startswith("linux") else ():
+        with suppress(OSError):  # it has ended, or is not ours
+            file, process = os.readlink(entry / "fd/1"), int(entry.name)
+            found[file] = min(process, found.get(file, process))
+    return found
 
 
 def run_since(results: str | Path) -> float | None:

@@ -10,11 +10,18 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from vibraverse import containers, gpus, products
-from vibraverse.commands import counted
+from vibraverse.commands import DEFAULT_CONFIG, advised, counted
+from vibraverse.config import ConfigError, read
+from vibraverse.texts import unknown
+
+if TYPE_CHECKING:
+    from vibraverse.plan import Plan
 
 #: The Slurm job that this process is part of, if any: by itself, and as its array. Read when this is imported, for
 #: Snakemake's Slurm plugin deletes the variables before a run's first job.
@@ -25,13 +32,24 @@ class NotThere(Exception):
     """Something that the run needs is not there; the message says what, and the remedy."""
 
 
-def stop_without(check, *arguments) -> None:
-    """Run a check; end the process with its sentence and exit status 2 where it fails."""
+def stop_without(check, *arguments):
+    """Run a check and return what it finds; end the process with its sentence and exit status 2 where it fails."""
     try:
-        check(*arguments)
-    except NotThere as missing:
+        return check(*arguments)
+    except (NotThere, ConfigError) as missing:
         print(f"vibraverse: {missing}", file=sys.stderr)
         sys.exit(2)
+
+
+@contextmanager
+def readable(path: str):
+    """Let Snakemake read a configuration; where it cannot, end the process with a sentence that names file and line."""
+    try:
+        yield
+    except Exception:
+        if os.path.exists(path):  # Snakemake itself names one that is not there
+            stop_without(read, path)
+        raise
 
 
 def configuration(path: str, text: str) -> None:
@@ -40,6 +58,32 @@ def configuration(path: str, text: str) -> None:
         products.write_text(path, text)
     except OSError as error:
         raise NotThere(products.not_stored(error, path) or str(error)) from None
+
+
+def known(plan: Plan, configs: Sequence[str | Path], kind: str, name: str) -> str:
+    """Return the name of an object or a shard that a file is asked for, where the run has one of that name.
+
+    Snakemake's patterns match any name, and rules' functions would end with a ``KeyError``. ``configs`` are the files
+    of ``--configfile``.
+    """
+    there, more = (plan.objects if kind == "object" else plan.shards), ""
+    if name in there or (kind == "object" and _is_source(plan, name)):
+        return name
+    if kind == "object":
+        file = configs[-1] if configs else None
+        more += f"; {advised('objects', config=file)} lists those that {file or DEFAULT_CONFIG} names"
+    if plan.owned is not None:
+        more += f"; this run is slice {plan.config.slice} of all"
+    raise NotThere(f"a file is asked for of an {unknown(kind, name, there)}{more}")
+
+
+def _is_source(plan: Plan, name: str) -> bool:
+    """Whether a product of an object that is no longer configured is the mesh file of one that is.
+
+    Snakemake then asks how to make it, and is content to find that nothing does.
+    """
+    folder = Path(plan.paths.at(plan.paths.object, object=name)).absolute()
+    return any(entry.input and folder in entry.input.absolute().parents for entry in plan.objects.values())
 
 
 def apptainer() -> None:

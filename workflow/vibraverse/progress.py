@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import csv
 import os
+import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vibraverse import targets
+from vibraverse import guard, targets
 from vibraverse.dataset.chain import refusals_of
 from vibraverse.lineage import STEPS, Made, jobs
 from vibraverse.plan import Plan
@@ -38,18 +39,35 @@ class Kind:
     before: list[Kind]
 
 
+@dataclass(frozen=True)
+class Work:
+    """A job that works now: its log, when it began, and its process where the run that started it is gone.
+
+    Stages say little before they end, so the log tells the begin.
+    """
+
+    stage: str
+    log: str
+    since: float
+    orphan: int | None = None
+
+
 @dataclass
 class Survey:
     """What there is of the configured objects.
 
-    ``objects`` counts them by state: ``done``, ``refused``, ``begun`` and ``missing``; ``in_part`` counts those of
-    which only some body is refused. ``jobs`` counts by stage the jobs that are ``done``, ``refused``, ``running``,
-    ``stopped`` (begun, and no run works on them) and ``waiting``. ``refusals`` are rows of ``refusals.tsv``;
-    ``stopped`` names the logs of stopped jobs; ``strangers`` counts objects that the configuration does not name.
+    ``objects`` counts them by state: ``done``, ``refused`` (nothing is left), ``begun`` and ``missing``; of
+    ``body_by_body`` of the refused ones each body was refused, and ``in_part`` counts those of which only some body is.
+    ``jobs`` counts by stage the jobs that are ``done``, ``refused``, ``running``, ``stopped`` (begun, and nothing works
+    on them) and ``waiting``. ``works`` are those that run, and those that run of what is no object's alone.
+    ``refusals`` are rows of ``refusals.tsv``; ``stopped`` names the logs of stopped jobs; ``strangers`` counts objects
+    that the configuration does not name.
     """
 
     objects: Counter = field(default_factory=Counter)
     in_part: int = 0
+    body_by_body: int = 0
+    works: list[Work] = field(default_factory=list)
     jobs: dict[str, Counter] = field(default_factory=lambda: {step.stage: Counter() for step in STEPS})
     refusals: list[dict] = field(default_factory=list)
     stopped: list[str] = field(default_factory=list)
@@ -64,8 +82,8 @@ class Survey:
 
     @property
     def running(self) -> int:
-        """How many jobs work now."""
-        return sum(counts["running"] for counts in self.jobs.values())
+        """How many jobs of objects the run works on now."""
+        return sum(work.stage in self.jobs and work.orphan is None for work in self.works)
 
 
 def survey(plan: Plan, started: float | None) -> Survey:
@@ -76,6 +94,7 @@ def survey(plan: Plan, started: float | None) -> Survey:
     root = os.path.dirname(plan.paths.at(plan.paths.object, object=_ANY))
     there = set(_names(root))
     found.strangers = len(there - set(plan.objects))
+    outputs = guard.outputs()
     for object_id in plan.objects:
         folder = f"{root}/{object_id}"
         names = {place: _names(f"{folder}/{place}") if object_id in there else set() for place in places}
@@ -90,19 +109,25 @@ def survey(plan: Plan, started: float | None) -> Survey:
             found.refusals += refusals.rows(object_id)
             gone = refusals.is_refused(plan.config.solidities)
             found.in_part += not gone
-        if len(done) == len(kinds):
-            found.objects["refused" if gone else "done"] += 1
+            found.body_by_body += gone and refusals.object is None
+        if gone:
+            found.objects["refused"] += 1
         else:
-            found.objects["begun" if done else "missing"] += 1
+            found.objects["done" if len(done) == len(kinds) else "begun" if done else "missing"] += 1
         for kind in kinds:
             state = "refused" if kind in refused else "done" if kind in done else "waiting"
             if state == "waiting" and done.issuperset(kind.before):
                 log, ended = (
                     path.replace(f"/{_ANY}/", f"/{object_id}/") for path in (kind.log, kind.benchmark)
                 )
-                state = _begun(log, ended, started)
+                state, work = _begun(kind.stage, log, ended, started, outputs)
                 found.stopped += [log] if state == "stopped" else []
+                found.works += [work] if work else []
             found.jobs[kind.stage][state] += 1
+    for stage, product, log, ended in _last(plan):
+        if not os.path.isfile(product):
+            work = _begun(stage, log, ended, started, outputs)[1]
+            found.works += [work] if work else []
     return found
 
 
@@ -118,10 +143,18 @@ def mean_seconds(plan: Plan) -> dict[str, float]:
     return {stage: sum(values) / len(values) for stage, values in seconds.items() if values}
 
 
-def seconds_left(found: Survey, means: dict[str, float]) -> tuple[float, list[str]]:
-    """Return how long the jobs that are left take one after another, and the stages of which no time is known."""
+def seconds_left(found: Survey, means: dict[str, float], now: float | None = None) -> tuple[float, list[str]]:
+    """Return how long the jobs that are left take one after another, and the stages of which no time is known.
+
+    A job that runs has the rest of its stage's mean before it; one that outlasts the mean counts no more.
+    """
+    now = time.time() if now is None else now
     left = {stage: count for stage, count in found.left().items() if count}
-    return sum(count * means.get(stage, 0.0) for stage, count in left.items()), sorted(set(left) - set(means))
+    seconds = sum(count * means.get(stage, 0.0) for stage, count in left.items())
+    for work in found.works:
+        if work.stage in left:
+            seconds -= min(max(0.0, now - work.since), means.get(work.stage, 0.0))
+    return seconds, sorted(set(left) - set(means))
 
 
 def _kinds(plan: Plan) -> list[Kind]:
@@ -164,17 +197,33 @@ def _benchmarks(plan: Plan, object_id: str) -> str:
     return os.path.dirname(plan.paths.at(plan.paths.benchmark("sources", "object"), object=object_id))
 
 
-def _begun(log: str, benchmark: str, started: float | None) -> str:
+def _last(plan: Plan) -> Iterator[tuple[str, str, str, str]]:
+    """Yield stage, product, log and benchmark of the jobs that are not of one object."""
+    paths = plan.paths
+    for shard in plan.shards:
+        patterns = (paths.shard, paths.log("dataset", "shard"), paths.benchmark("dataset", "shard"))
+        yield "dataset", *(paths.at(pattern, shard=shard) for pattern in patterns)
+    for stage, product in (("index", paths.dataset_record), ("report", paths.report)):
+        yield stage, product, paths.log(stage), paths.benchmark(stage)
+
+
+def _begun(
+    stage: str, log: str, benchmark: str, started: float | None, outputs: dict[str, int]
+) -> tuple[str, Work | None]:
     """Return the state of a job whose inputs are there and whose products are not, by its log and benchmark.
 
-    One that ended has its benchmark written last: then its products were deleted to be made again.
+    One that ended has its benchmark written last: then its products were deleted to be made again. One of a run that
+    was killed may still compute: its log is among the ``outputs`` of processes.
     """
     begun, ended = _modified(log), _modified(benchmark)
     if begun is None or (ended is not None and ended >= begun):
-        return "waiting"
-    if started is None:
-        return "stopped"
-    return "running" if begun >= started else "waiting"
+        return "waiting", None
+    if started is not None and begun >= started:
+        return "running", Work(stage, log, begun)
+    orphan = outputs.get(os.path.realpath(log))
+    if orphan:
+        return "running", Work(stage, log, begun, orphan)
+    return "stopped" if started is None else "waiting", None
 
 
 def _modified(path: str) -> float | None:

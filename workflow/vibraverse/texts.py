@@ -10,6 +10,8 @@ from collections.abc import Sequence
 _UNFIT = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 #: Mistakes that a list of them shows.
 _SHOWN = 10
+#: A sentence about an unknown name lists so many known ones in their order, of more the nearest, this many.
+_MANY, _NEAREST = 40, 20
 
 
 def storable(text: str) -> str:
@@ -18,10 +20,16 @@ def storable(text: str) -> str:
 
 
 def unknown(kind: str, name: str, known) -> str:
-    """Return the sentence for an unknown name, with the nearest known one."""
-    near = difflib.get_close_matches(str(name), [str(k) for k in known], n=1, cutoff=0.5)
+    """Return the sentence for an unknown name, with the nearest known one and all of them, or the nearest of many."""
+    names = [str(each) for each in known]
+    near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"unknown {kind} {str(name)!r}{hint} (known: {', '.join(map(str, known))})"
+    if not names:
+        return f"unknown {kind} {str(name)!r} (there is none)"
+    if len(names) > _MANY:
+        nearest = difflib.get_close_matches(str(name), names, n=_NEAREST, cutoff=0.0)
+        names = [*nearest, f"and {len(names) - len(nearest)} more"]
+    return f"unknown {kind} {str(name)!r}{hint} (known: {', '.join(names)})"
 
 
 def listed(subject: str, mistakes: Sequence[str]) -> str:

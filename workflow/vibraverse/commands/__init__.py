@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import shlex
 from pathlib import Path
 
 #: The configuration that a run has when none is named.
@@ -46,6 +47,12 @@ def run_solidities(chosen: argparse.Namespace) -> tuple[str, ...]:
 
     known = chosen.config or Path(DEFAULT_CONFIG).is_file()
     return tuple(run_config(chosen).solidities) if known else SOLIDITIES
+
+
+def advised(*words: str, config: str | Path | None = None, results: str | Path | None = None) -> str:
+    """Return a command for a sentence, to be pasted as it stands: the run is named as ``run_arguments`` take it."""
+    run = [*(["--config", str(config)] if config else []), *(["--results", str(results)] if results else [])]
+    return f"`{shlex.join(['vibraverse', words[0], *run, *words[1:]])}`"
 
 
 def counted(count: int, thing: str) -> str:

@@ -6,7 +6,8 @@ import argparse
 from pathlib import Path
 
 from vibraverse.cli import UsageError
-from vibraverse.commands import share
+from vibraverse.commands import advised, share
+from vibraverse.paths import Paths
 
 #: Findings printed.
 _SHOWN = 50
@@ -43,8 +44,17 @@ def main(argv: list[str]) -> int:
     if wrong > _SHOWN:
         print(f"… and {wrong - _SHOWN} more")
     if wrong:
-        print(f"{chosen.dataset}: {wrong} findings; `vibraverse repair` says what to make again.")
+        print(f"{chosen.dataset}: {wrong} findings; {_repair(chosen.dataset)} says what to make again.")
         return 1
     share_made = f"{chosen.sample:.0%} of its items made again" if chosen.sample else "nothing made again"
     print(f"{chosen.dataset} is as it was written, and agrees with itself ({share_made}).")
     return 0
+
+
+def _repair(dataset: Path) -> str:
+    """Return the command that looks into the run which made a dataset, or a shard, as far as its place tells."""
+    folder = dataset.parent.parent if dataset.is_file() else dataset
+    folder = folder if folder.name else folder.resolve()  # one stands in it
+    if Path(Paths(folder.parent).dataset) == folder:
+        return advised("repair", results=folder.parent)
+    return "`vibraverse repair`, with the --config or --results of the run that made it,"

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import argparse
 import shutil
+import sys
 from contextlib import contextmanager
 from pathlib import Path
 
 from vibraverse.cli import UsageError
 from vibraverse.products import aside
+
+#: Numbers of the index that are named where one occurs nowhere.
+_NEAREST = 5
 
 
 def main(argv: list[str]) -> int:
@@ -60,10 +64,15 @@ def _export(chosen) -> None:
     fields = chosen.fields.split(",") if chosen.fields else export.EXPORTED
     try:
         with vibraverse.dataset.open(chosen.dataset, fields, chosen.look) as whole:
-            reader = whole.where(**_conditions(chosen.where))
+            conditions = _conditions(chosen.where)
+            reader = whole.where(**conditions)
+            _check_values(chosen.dataset, whole.items, conditions)
             reader = reader.with_sampled() if chosen.sampled else reader
             if not len(reader):
-                raise UsageError(f"export: {chosen.dataset} holds no such items")
+                raise UsageError(
+                    f"export: {chosen.dataset} holds no such items: each of these values occurs, but in no item "
+                    f"together ({' '.join(chosen.where)})"
+                )
             with _new_folder(chosen.output) as folder:
                 most = int(chosen.max_mb * 2**20)
                 if chosen.format == "webdataset":
@@ -106,3 +115,25 @@ def _conditions(texts: list[str]) -> dict[str, list]:
         except ValueError:
             raise UsageError(f"export: {column} is a number in every row, not {values!r}") from None
     return found
+
+
+def _check_values(dataset: str, items: list[dict], conditions: dict[str, list]) -> None:
+    """Refuse a column of which no value occurs; of one where others do, say which is passed over."""
+    for column, values in conditions.items():
+        there = list(dict.fromkeys(item[column] for item in items))
+        absent = [value for value in values if value not in there]
+        for value in absent:
+            sentence = _absent(column, value, there)
+            if len(absent) == len(values):
+                raise UsageError(f"export: {dataset} holds no such items: {sentence}")
+            print(f"vibraverse: export: passed over: {sentence}", file=sys.stderr)
+
+
+def _absent(column: str, value, there: list) -> str:
+    """Return the sentence for a value that no item has in a column, with those that are there, the nearest of many."""
+    from vibraverse.texts import unknown
+
+    if isinstance(value, str):
+        return unknown(column, value, sorted(filter(None, there)))
+    near = sorted(there, key=lambda other: abs(other - value))[:_NEAREST]
+    return f"{column} is nowhere {value}; nearest: {', '.join(map(str, near))}"

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vibraverse import products
 from vibraverse.cli import UsageError
-from vibraverse.commands import counted
+from vibraverse.commands import advised, counted
 from vibraverse.dataset.chain import shards_in
 from vibraverse.dataset.schema import MAKING
 from vibraverse.lineage import Made, chain, jobs, logged, makers, packed_jobs
@@ -154,7 +154,10 @@ def _told(made: Made) -> str:
     if refusal is not None:
         return f"{made}: refused at {refusal.stage}: {refusal.message}"
     if not made.provenance:
-        return f"{made}: {made.record} is missing or states no provenance; run the workflow, or `vibraverse repair`"
+        return (
+            f"{made}: {made.record} is missing or states no provenance; run the workflow, or "
+            f"{advised('repair', results=made.paths.results)}"
+        )
     lines = [f"{made}: {_versions(made.provenance)}"]
     if made.step.stage == "sources":
         lines.append(f"    from   {_source(made.content)}")

@@ -189,5 +189,4 @@ def _known(name: str, known: list[str], kind: str) -> None:
     if name not in known:
         from vibraverse.texts import unknown
 
-        shown = known if len(known) <= 20 else [*known[:19], f"and {len(known) - 19} more"]
-        raise UsageError(unknown(kind, name, shown))
+        raise UsageError(unknown(kind, name, known))

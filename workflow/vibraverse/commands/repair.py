@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vibraverse import guard
 from vibraverse.cli import UsageError
-from vibraverse.commands import run_arguments, run_paths
+from vibraverse.commands import advised, run_arguments, run_paths
 from vibraverse.dataset.chain import objects_in, shards_in
 from vibraverse.paths import Paths
 from vibraverse.rebuild import in_order, packed_products, wrong_dataset, wrong_products
@@ -33,10 +33,11 @@ def main(argv: list[str]) -> int:
     if not objects and not has_dataset:
         raise UsageError(f"there is nothing in {paths.results}; is --results the folder of a run?")
     with (guard.only_run(paths.results) if chosen.delete else None) or nullcontext():
-        return _repaired(paths, objects, has_dataset, chosen.delete)
+        again = advised("repair", "--delete", config=chosen.config, results=chosen.results)
+        return _repaired(paths, objects, has_dataset, chosen.delete, again)
 
 
-def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool) -> int:
+def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool, again: str) -> int:
     found = _wrong(paths, objects, has_dataset)
     for wrong in found[:_SHOWN]:
         by = f"\n    made by {wrong.by}, with {len(wrong.files)} files" if wrong.by else ""
@@ -52,7 +53,7 @@ def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool)
     objects = {wrong.object for wrong in ours if wrong.object}
     files = in_order(paths, (file for wrong in ours for file in wrong.files), objects)
     if not delete:
-        print(f"{len(files)} files to make again: `vibraverse repair --delete`, then run the workflow.")
+        print(f"{len(files)} files to make again: {again}, then run the workflow.")
         return 1
     for file in files:
         file.unlink(missing_ok=True)

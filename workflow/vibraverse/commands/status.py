@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import math
 import os
+import time
 from collections import Counter
 
 from vibraverse import guard
@@ -11,9 +13,9 @@ from vibraverse.cli import UsageError
 from vibraverse.commands import counted, run_arguments, run_config
 from vibraverse.config import ConfigError
 from vibraverse.plan import Plan
-from vibraverse.progress import Survey, mean_seconds, seconds_left, survey
+from vibraverse.progress import Survey, Work, mean_seconds, seconds_left, survey
 
-#: Stopped jobs whose logs are named.
+#: Running jobs, and stopped ones, whose logs are named.
 _SHOWN = 5
 
 
@@ -33,9 +35,10 @@ def main(argv: list[str]) -> int:
     started = guard.run_since(plan.paths.results)
     found = survey(plan, started)
     print(_objects(plan, found))
-    print(_stages(found))
+    means = mean_seconds(plan)
+    print(_stages(found, means))
     print(_dataset(plan))
-    print(_rest(found, mean_seconds(plan), started is not None))
+    print(_rest(found, means, started is not None))
     return 0
 
 
@@ -44,12 +47,14 @@ def _objects(plan: Plan, found: Survey) -> str:
     counts = found.objects
     lines = [
         f"{counted(len(plan.objects), 'object')}: {counts['done']} done, {counts['begun']} begun, "
-        f"{counts['missing']} not begun, {counts['refused']} refused, {found.in_part} more in part"
+        f"{counts['missing']} not begun, {counts['refused']} refused"
     ]
-    for (stage, reason), count in Counter(
-        (row["stage"], row["reason"]) for row in found.refusals
+    lines += [_refused(found)] if found.refusals else []
+    for (stage, reason, what), count in Counter(
+        (row["stage"], row["reason"], "body" if row["solidity"] else "object") for row in found.refusals
     ).most_common():
-        lines.append(f"    refused at {stage}: {reason}, {count}")
+        things = "bodies" if what == "body" and count != 1 else counted(count, what).split()[1]
+        lines.append(f"    refused at {stage}: {reason}, {count} {things}")
     if found.strangers:
         lines.append(
             f"    {found.strangers} more in {plan.paths.results}/objects, which the configuration does not name"
@@ -57,18 +62,48 @@ def _objects(plan: Plan, found: Survey) -> str:
     return "\n".join(lines)
 
 
-def _stages(found: Survey) -> str:
+def _refused(found: Survey) -> str:
+    """Return how the refusals, which may be of a body or of an object, make up the refused objects."""
+    whole, parts = found.objects["refused"], []
+    if whole:
+        singly = f" ({found.body_by_body} of them body by body)" if found.body_by_body else ""
+        parts.append(f"{counted(whole, 'object')} whole{singly}")
+    if found.in_part:
+        others = "others" if found.in_part > 1 else "other"
+        of = f"{found.in_part} {others}" if whole else counted(found.in_part, "object")
+        parts.append(
+            f"one of the two bodies of {of}, which {'go' if found.in_part > 1 else 'goes'} on with the rest"
+        )
+    return f"refused: {', and '.join(parts)}"
+
+
+def _stages(found: Survey, means: dict[str, float]) -> str:
     """Return a table of the jobs by stage."""
     states = ("done", "refused", "running", "stopped", "waiting")
     lines = [f"\n{'stage':<10}" + "".join(f"{state:>9}" for state in states)]
     for stage, counts in found.jobs.items():
         if counts:
             lines.append(f"{stage:<10}" + "".join(f"{counts[state]:>9}" for state in states))
+    if found.works:
+        lines.append("running, the longest first:")
+        works = sorted(found.works, key=lambda work: work.since)
+        lines += [_work(work, means) for work in works[:_SHOWN]]
+        lines += [f"    … and {len(works) - _SHOWN} more"] if len(works) > _SHOWN else []
     if found.stopped:
         lines.append("stopped, or failed; the next run begins them anew:")
         lines += [f"    {log}" for log in found.stopped[:_SHOWN]]
         lines += [f"    … and {len(found.stopped) - _SHOWN} more"] if len(found.stopped) > _SHOWN else []
     return "\n".join(lines)
+
+
+def _work(work: Work, means: dict[str, float]) -> str:
+    """Return the line of a job that runs: since when, how long jobs of its stage take, its log."""
+    begun = time.localtime(work.since)
+    today = begun[:3] == time.localtime()[:3]
+    since = time.strftime("%H:%M" if today else "%Y-%m-%d %H:%M", begun)
+    mean = f", {_time(means[work.stage])} on average" if work.stage in means else ""
+    orphan = f", process {work.orphan} of a run that is gone" if work.orphan else ""
+    return f"    {work.stage} since {since} ({_time(max(0.0, time.time() - work.since))}{mean}){orphan}: {work.log}"
 
 
 def _dataset(plan: Plan) -> str:
@@ -85,15 +120,27 @@ def _dataset(plan: Plan) -> str:
 
 def _rest(found: Survey, means: dict[str, float], works: bool) -> str:
     """Return how long the rest takes, by the mean times of the jobs so far."""
-    state = f"A run works, on {found.running} jobs of objects." if works else "No run works."
+    state = f"A run works, on {counted(found.running, 'job')} of objects." if works else "No run works."
+    orphans = [str(work.orphan) for work in found.works if work.orphan]
+    if orphans:
+        computes, its, it = ("computes", "its", "it") if len(orphans) == 1 else ("compute", "their", "them")
+        state += (
+            f" {counted(len(orphans), 'job')} of a run that is gone still {computes}: before the next run "
+            f"wait for {its} end, or end {it} with `kill {' '.join(orphans)}`."
+        )
     if not sum(found.left().values()):
         return f"{state} No jobs of objects are left."
     seconds, unknown = seconds_left(found, means)
-    if not means:
-        return f"{state} No job has ended yet, so the time left is not known."
+    if not any(count and stage in means for stage, count in found.left().items()):
+        which = f" of {', '.join(unknown)}" if means else ""
+        return f"{state} No job{which} has ended yet, so the time left is not known."
     text = f"{state} Left: {_time(seconds)} for one job at a time"
     if found.running > 1:
         text += f", {_time(seconds / found.running)} for {found.running}"
+    outlast = sum(time.time() - work.since > means.get(work.stage, math.inf) for work in found.works)
+    if outlast:
+        take = "takes" if outlast == 1 else "take"
+        text += f"; more, because {counted(outlast, 'job')} already {take} longer than on average"
     return text + (f"; without {', '.join(unknown)}, of which none has ended yet." if unknown else ".")
 
 

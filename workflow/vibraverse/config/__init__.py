@@ -178,6 +178,17 @@ def validate(model: type[BaseModel], values: dict, prefix: str = ""):
 
 def load(path: str | Path) -> Config:
     """Read and validate a YAML configuration file."""
+    values = read(path)
+    try:
+        return parse(values)
+    except ConfigError as error:
+        if len(error.mistakes) > 1:
+            raise ConfigError(*error.mistakes, subject=str(path)) from None
+        raise ConfigError(f"{path}: {error}") from None
+
+
+def read(path: str | Path) -> dict:
+    """Return the keys and values of a YAML file, or raise :class:`ConfigError` with one sentence that names it."""
     import yaml
 
     path = Path(path)
@@ -195,12 +206,7 @@ def load(path: str | Path) -> Config:
         raise ConfigError(f"{path} holds no keys; write {{}} for a run with every default")
     if not isinstance(values, dict):
         raise ConfigError(f"{path} must hold keys and values, not {_shown(values)}")
-    try:
-        return parse(values)
-    except ConfigError as error:
-        if len(error.mistakes) > 1:
-            raise ConfigError(*error.mistakes, subject=str(path)) from None
-        raise ConfigError(f"{path}: {error}") from None
+    return values
 
 
 def schema_text() -> str:
@@ -325,6 +331,7 @@ __all__ = [
     "Modes",
     "load",
     "parse",
+    "read",
     "schema_text",
     "section_in",
     "validate",

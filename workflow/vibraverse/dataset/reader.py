@@ -141,7 +141,7 @@ class Reader:
 
         ``views`` come decoded, (views, height, width, 3) uint8, in the reader's ``look`` (the look ``"material"``
         means that of the material) or in ``look=…``; ``sound`` is the material's, or ``sound=…``.
-        Raises :class:`KeyError` when the dataset does not hold it.
+        Raises :class:`KeyError` when the dataset does not hold it; of what was refused, it says where and why.
         """
         spec = _field(field)
         look = self.look if self.look != "material" else material
@@ -155,7 +155,10 @@ class Reader:
             value = group[path.split("@")[0] or "."]
             value = value.attrs[spec.path.split("@")[1]] if spec.is_attribute else value
         except KeyError:
-            raise KeyError(f"the object {object!r} holds no {field} at {path!r}") from None
+            lacks = f"the object {object!r} holds no {field} at {path!r}"
+            raise KeyError(
+                self._refused(object, solidity if "{solidity}" in spec.path else "") or lacks
+            ) from None
         if spec.is_attribute:
             return value
         if spec.dtype == "json":
@@ -163,6 +166,19 @@ class Reader:
         if spec.dtype == "text":
             return value.asstr()[()]
         return _decode(value) if spec.dtype == "png" else value[()]
+
+    def _refused(self, object: str, solidity: str) -> str:
+        """Return the sentence for an object that was refused, or its body of that solidity; empty where neither was."""
+        for row in self.refusals:
+            if row["object"] == object and row["solidity"] in ("", solidity):
+                what = (
+                    f"the {row['solidity']} body of {object!r}"
+                    if row["solidity"]
+                    else f"the object {object!r}"
+                )
+                said = f"{row['message']} {row['advice']}".strip()
+                return f"{what} was refused at {row['stage']} ({row['reason']}): {said}"
+        return ""
 
     def group(self, object: str):
         """Return the HDF5 group of an object, to look at anything in it. Raises :class:`KeyError` if unknown."""

@@ -312,6 +312,14 @@
       }
     });
   }
+  /* Pages of the same dataset are the same wherever they lie: which folder to name is known when one is opened there. */
+  const retry = one("#retry");
+  if (retry && location.protocol === "file:") {
+    const results = decodeURIComponent(location.pathname).split("/").slice(0, -2).join("/") || "/";
+    const plainly = /^[\w@%+=:,./-]+$/.test(results);
+    retry.textContent = `vibraverse refusals --results ${plainly ? results : `'${results.replaceAll("'", `'"'"'`)}'`} --retry`;
+    one("#where").hidden = true;
+  }
   addEventListener("resize", drawFingerprint);
   paint(remember() || (dark.matches ? "dark" : "light"));
 })();
