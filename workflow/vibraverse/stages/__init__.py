@@ -15,7 +15,7 @@ VERSIONS = {
     "dataset": 6,
     "index": 6,
     "report": 4,
-    "validation_meshes": 2,
+    "validation_meshes": 3,
     "validation_modes": 1,
     "validation_table": 1,
 }
