@@ -131,3 +131,18 @@ def test_a_name_that_looks_like_the_hash_of_another(tmp_path):
     make(tmp_path, f"{hashed}.obj")
     with pytest.raises(NoMeshes, match=f"two files have the id '{hashed}'"):
         find(str(tmp_path))
+
+
+def test_what_a_run_made_is_no_source_of_the_next(tmp_path, monkeypatch):
+    make(tmp_path, "cup.obj", "more/bell.obj", "results/objects/cup/surface.ply", "results-of-old/a.ply")
+    results = str(tmp_path / "results")
+    assert set(find(str(tmp_path), results)) == {"cup", "more-bell", "results-of-old-a"}
+    assert set(find(f"{tmp_path}/**/*.ply", results)) == {"results-of-old-a"}
+    # Asked for by name, it is what is asked for.
+    assert set(find(results, results)) == {"objects-cup-surface"}
+    assert set(find(f"{results}/objects/*/surface.ply", results)) == {"cup-surface"}
+    monkeypatch.chdir(tmp_path)
+    files = catalogue(
+        parse({"sources": {"generated": {"count": 0}, "bundled": [], "files": [{"path": "."}]}})
+    )
+    assert set(files) == {"cup", "more-bell", "results-of-old-a"}

@@ -82,7 +82,7 @@ def _entries(config: Config):
             if is_manifest(files.path):
                 rows = read_manifest(files.path, files.categories)
             else:
-                rows = [Row(object_, path) for object_, path in find(files.path).items()]
+                rows = [Row(object_, path) for object_, path in find(files.path, config.results).items()]
         except NoMeshes as error:
             raise ConfigError(f"sources.files[{number}].path: {error}") from None
         for row in rows:

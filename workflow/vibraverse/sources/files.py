@@ -43,14 +43,16 @@ class NoMeshes(ValueError):
     """Nothing to read where meshes were expected; the message is one sentence."""
 
 
-def find(path: str) -> dict[str, Path]:
+def find(path: str, results: str = "") -> dict[str, Path]:
     """Return the mesh files at ``path`` (a file, a folder with its subfolders, or a glob), by object id.
 
-    Hidden files and folders are left out. Links to folders are followed, but not in circles and not by a
+    Hidden files and folders are left out, and so is the folder ``results`` where it lies below: what a run makes of
+    meshes would be the next run's meshes. Links to folders are followed, but not in circles and not by a
     glob's ``**``. Sorted by id.
     Raises :class:`NoMeshes` when there is nothing.
     """
     given = Path(path).expanduser()
+    made = os.path.realpath(os.path.expanduser(results)) if results else ""
     if given.is_file():
         if not is_mesh(given.name):
             raise NoMeshes(
@@ -58,13 +60,13 @@ def find(path: str) -> dict[str, Path]:
             )
         return identify([given], given.parent)
     if given.is_dir():
-        files = list(_walk(given))
+        files = list(_walk(given, made))
         if not files:
             raise NoMeshes(f"the folder {path} holds no mesh files ({known_formats()})")
         return identify(files, given)
     if glob.has_magic(str(given)):
         base = _fixed_part(given)
-        files = _matching(base, given)
+        files = _matching(base, given, made)
         if not files:
             raise NoMeshes(f"no mesh file matches {path} ({known_formats()})")
         return identify(files, base)
@@ -183,10 +185,10 @@ def known_formats() -> str:
     return ", ".join(format.upper() for format in FORMATS.values())
 
 
-def _walk(root: Path):
-    """Yield the mesh files below ``root``, each once."""
+def _walk(root: Path, made: str):
+    """Yield the mesh files below ``root``, each once, without those in the folder ``made``."""
     top = os.path.realpath(root)
-    seen = {top}
+    seen = {top, made}
     pending = [root]
     while pending:
         folder = pending.pop()
@@ -213,19 +215,28 @@ def _walk(root: Path):
                 yield Path(entry.path)
 
 
-def _matching(base: Path, pattern: Path) -> list[Path]:
-    """Return the mesh files below ``base`` that a glob matches; ``**`` does not follow links."""
+def _matching(base: Path, pattern: Path, made: str) -> list[Path]:
+    """Return the mesh files below ``base`` that a glob matches, without those in the folder ``made``.
+
+    ``**`` does not follow links.
+    """
     try:
         found = list(base.glob(str(pattern.relative_to(base))))
     except ValueError:
         raise NoMeshes(
             f"{pattern} is not a valid glob: '**' means any folders and stands alone between slashes, as in **/*.obj"
         ) from None
+    apart = made and not _is_in(os.path.realpath(base), made)
     return [
         path
         for path in found
         if is_mesh(path.name) and not _is_hidden(path.relative_to(base)) and path.is_file()
+        if not (apart and _is_in(os.path.realpath(path), made))
     ]
+
+
+def _is_in(path: str, folder: str) -> bool:
+    return os.path.commonpath([path, folder]) == folder
 
 
 def _is_hidden(relative: str | Path) -> bool:
