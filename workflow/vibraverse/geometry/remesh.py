@@ -276,8 +276,9 @@ def _fitted(
     fitted = move(points, nearest - points, triangles)
     for _ in range(_ROUNDS):
         fitted = move(fitted, _displacements(fitted, triangles, closest), triangles)
-        strayed = closest.distance(fitted) > bound
-        fitted[strayed] = points[strayed]
+        if tied < np.inf:
+            strayed = closest.distance(fitted) > bound
+            fitted[strayed] = points[strayed]
     return _match_volume(fitted, np.linalg.norm(fitted - points, axis=1), triangles, wanted)
 
 

@@ -226,12 +226,13 @@ def _matching(base: Path, pattern: Path, made: str) -> list[Path]:
         raise NoMeshes(
             f"{pattern} is not a valid glob: '**' means any folders and stands alone between slashes, as in **/*.obj"
         ) from None
-    apart = made and not _is_in(os.path.realpath(base), made)
+    top = os.path.realpath(base)
+    below = made and made != top and _is_in(made, top)
     return [
         path
         for path in found
         if is_mesh(path.name) and not _is_hidden(path.relative_to(base)) and path.is_file()
-        if not (apart and _is_in(os.path.realpath(path), made))
+        if not (below and _is_in(os.path.realpath(path), made))
     ]
 
 
