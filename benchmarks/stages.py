@@ -1,39 +1,41 @@
-"""Where a run's time went: CPU and wall seconds and memory by stage, from the files Snakemake wrote.
+"""Where a run's time went: wall and CPU seconds and memory by stage, from what Snakemake and the jobs' logs noted.
 
 python benchmarks/stages.py [results]
 """
 
 from __future__ import annotations
 
-import csv
 import sys
 from collections import defaultdict
-from pathlib import Path
+
+from vibraverse import measured
+from vibraverse.paths import Paths
 
 
 def main() -> None:
-    results = Path(sys.argv[1] if len(sys.argv) > 1 else "results")
-    rows = defaultdict(list)
-    for path in sorted((results / "benchmarks").rglob("*.tsv")):
-        with open(path) as file:
-            for row in csv.DictReader(file, delimiter="\t"):
-                rows[path.name.split(".")[0]].append(
-                    [
-                        float(row[key]) if row[key] not in ("NA", "-") else 0.0
-                        for key in ("s", "cpu_time", "max_rss")
-                    ]
-                )
-    if not rows:
+    results = sys.argv[1] if len(sys.argv) > 1 else "results"
+    stages = defaultdict(list)
+    for (stage, _), job in measured.read(Paths(results)).items():
+        stages[stage].append(job)
+    if not stages:
         sys.exit(f"{results}/benchmarks holds no benchmark files; run the workflow first.")
-    print(f"{'stage':<10}{'jobs':>6}{'wall s':>10}{'per job':>10}{'CPU s':>10}{'most MB':>10}")
-    total = [0, 0.0, 0.0]
-    for stage, values in sorted(rows.items(), key=lambda item: -sum(v[0] for v in item[1])):
-        wall, cpu, memory = sum(v[0] for v in values), sum(v[1] for v in values), max(v[2] for v in values)
-        print(
-            f"{stage:<10}{len(values):>6}{wall:>10.1f}{wall / len(values):>10.1f}{cpu:>10.1f}{memory:>10.0f}"
-        )
-        total = [total[0] + len(values), total[1] + wall, total[2] + cpu]
-    print(f"{'all':<10}{total[0]:>6}{total[1]:>10.1f}{total[1] / total[0]:>10.1f}{total[2]:>10.1f}")
+    everything = sum(job.cpu_s or 0 for jobs in stages.values() for job in jobs)
+    print(
+        f"{'stage':<10}{'jobs':>6}{'wall s':>10}{'per job':>10}{'CPU s':>10}{'per job':>10}{'share':>8}{'most MB':>10}"
+    )
+    for stage, jobs in sorted(stages.items(), key=lambda item: -sum(job.cpu_s or 0 for job in item[1])):
+        line(stage, jobs, everything)
+    line("all", [job for jobs in stages.values() for job in jobs], everything)
+
+
+def line(name: str, jobs: list[measured.Measurement], everything: float) -> None:
+    """Print what these jobs took; CPU seconds per job are the mean of those that noted them."""
+    wall, cpu = sum(job.seconds for job in jobs), [job.cpu_s for job in jobs if job.cpu_s is not None]
+    most = max(job.memory_mb or 0 for job in jobs)
+    print(
+        f"{name:<10}{len(jobs):>6}{wall:>10.1f}{wall / len(jobs):>10.1f}{sum(cpu):>10.1f}"
+        f"{sum(cpu) / max(len(cpu), 1):>10.1f}{sum(cpu) / (everything or 1):>8.0%}{most:>10.0f}"
+    )
 
 
 if __name__ == "__main__":

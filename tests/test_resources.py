@@ -55,9 +55,14 @@ def test_the_larger_of_sample_and_log_counts(results):
     log = results / "logs/o0/tets.solid.log"
     log.parent.mkdir(parents=True)
     for said, most in ((1234, 1234), (17, 900)):  # Snakemake noted 400 of this job and 900 of another
-        log.write_text(f"vibraverse tets\nwrote x\ntets: done in 9.8 s, at most {said} MB\n")
+        log.write_text(
+            f"vibraverse tets\nwrote x\ntets: done in 9.8 s, 12.5 s of CPU, at most {said} MB\n8 tetrahedra\n"
+        )
         assert measured.suggest(measured.read(Paths(results)), 30)["tets"].most_mb == most
-    assert measured.read(Paths(results))["tets", "o0/tets.solid.tsv"].memory_mb == 400
+    found = measured.read(Paths(results))["tets", "o0/tets.solid.tsv"]
+    assert (found.cpu_s, found.memory_mb) == (12.5, 400)
+    log.write_text("tets: done in 9.8 s, at most 700 MB\n")  # as earlier versions wrote it
+    assert measured.read(Paths(results))["tets", "o0/tets.solid.tsv"].memory_mb == 700
 
 
 def test_memory_grows_with_the_unknowns(results):

@@ -1,7 +1,7 @@
 """What jobs took, as Snakemake and their own logs note it, and what to ask for next time.
 
-Snakemake samples a job's memory, misses short peaks, and sees nothing of a job under ``vibraverse warm``; the last
-line of the job's log says the most it had. The larger of the two counts.
+Snakemake samples a job's CPU time and memory, misses short peaks, and sees nothing of a job under ``vibraverse warm``;
+the job's log ends with what it had itself. The larger of the two counts.
 
 Memory is the largest seen and half as much again, time three times the largest seen: a job that asks for too
 little runs twice, one that asks for a little too much only waits a little longer.
@@ -25,7 +25,7 @@ MEMORY_STEP_MB = 500
 #: MB that Snakemake itself takes in every job of a cluster.
 JOB_MB = 150
 
-_LOGGED = re.compile(r"at most (\d+) MB\s*$")
+_LOGGED = re.compile(r": done in [\d.]+ s(?:, ([\d.]+) s of CPU)?, at most (\d+) MB$", re.MULTILINE)
 
 #: A rule, and the folder and file that its job is measured in.
 Job = tuple[str, str]
@@ -33,9 +33,10 @@ Job = tuple[str, str]
 
 @dataclass(frozen=True)
 class Measurement:
-    """Wall seconds and largest resident memory of one job; None where it was too short to be sampled."""
+    """Wall and CPU seconds and largest resident memory of one job; None where nobody noted them."""
 
     seconds: float
+    cpu_s: float | None
     memory_mb: float | None
 
 
@@ -63,20 +64,27 @@ def read(paths: Paths) -> dict[Job, Measurement]:
             row = next(csv.DictReader(file, delimiter="\t"), {})
         name = path.relative_to(folder)
         seconds = _number(row.get("s"))
-        seen = [_number(row.get("max_rss")), _logged(folder.with_name("logs") / name.with_suffix(".log"))]
-        memory = max((one for one in seen if one is not None), default=None)
+        cpu, memory = _logged(folder.with_name("logs") / name.with_suffix(".log"))
         if seconds is not None:
-            found[path.name.split(".")[0], str(name)] = Measurement(seconds, memory)
+            found[path.name.split(".")[0], str(name)] = Measurement(
+                seconds,
+                _larger(_number(row.get("cpu_time")), cpu),
+                _larger(_number(row.get("max_rss")), memory),
+            )
     return found
 
 
-def _logged(log: Path) -> float | None:
-    """Return the most MB that a job had, by the last line of its log."""
+def _logged(log: Path) -> tuple[float | None, float | None]:
+    """Return the CPU seconds and the most MB of a job by its log."""
     try:
-        last = _LOGGED.search(log.read_text(encoding="utf-8", errors="replace"))
+        noted = _LOGGED.findall(log.read_text(encoding="utf-8", errors="replace"))
     except FileNotFoundError:
-        return None
-    return float(last[1]) if last else None
+        noted = []
+    return (_number(noted[-1][0]), float(noted[-1][1])) if noted else (None, None)
+
+
+def _larger(*seen: float | None) -> float | None:
+    return max((one for one in seen if one is not None), default=None)
 
 
 def suggest(jobs: dict[Job, Measurement], group_minutes: float) -> dict[str, Suggestion]:

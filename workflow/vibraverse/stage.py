@@ -144,7 +144,7 @@ def run(job: Job, command: list[str]) -> int:
             if refusal is not None:
                 _write_refusal(job, refusal)
                 return 0
-    started = time.perf_counter()
+    started, cpu_before = time.perf_counter(), _cpu_s()
     try:
         refused = _make(job)
     except Exception as error:
@@ -158,7 +158,11 @@ def run(job: Job, command: list[str]) -> int:
     seconds = time.perf_counter() - started
     for path in _flat(job.final)[:8]:
         print(f"wrote {path}", file=sys.stderr)
-    print(f"{job.stage.name}: done in {seconds:.1f} s, at most {_most_mb()} MB", file=sys.stderr)
+    cpu_s = _cpu_s() - cpu_before
+    print(
+        f"{job.stage.name}: done in {seconds:.1f} s, {cpu_s:.1f} s of CPU, at most {_most_mb()} MB",
+        file=sys.stderr,
+    )
     return 0
 
 
@@ -224,6 +228,11 @@ def _not_stored(job: Job, error: Exception) -> str:
         ):
             return ""
     return products.not_stored(error, finals[0])
+
+
+def _cpu_s() -> float:
+    """Return the CPU seconds of this process, all its threads, and the children that it waited for."""
+    return sum(os.times()[:4])
 
 
 def _most_mb() -> int:
