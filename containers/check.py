@@ -91,9 +91,10 @@ class Check:
         for name, path in products.items():
             command += [f"--{name.replace('_', '-')}", path]
         assert main([str(word) for word in command]) == 0, f"{stage} failed"
-        for path in products.values():
-            assert path.stat().st_size, f"{stage}: {path} is empty"
-            assert stage in _COLLECT or read_refusal(path) is None, path.read_text()
+        for product in products.values():
+            for path in sorted(product.iterdir()) if product.is_dir() else [product]:
+                assert path.stat().st_size, f"{stage}: {path} is empty"
+                assert stage in _COLLECT or read_refusal(path) is None, path.read_text()
 
     def options(self, stage: str, object_: str = OBJECT) -> tuple[str, str]:
         """Return a stage's options as its rule passes them."""
@@ -151,22 +152,19 @@ def fem(check: Check) -> None:
         basis=basis, tets=tets, clean_record=record, modes=modes,
     )  # fmt: skip
     check.run(
-        "audio", *check.options("audio"), solidity="solid", modes=modes,
-        sounds=check.at(paths.sound, material="steel"), record=check.at(paths.audio_record),
+        "audio", *check.options("audio"), solidity="solid", modes=modes, sounds=check.at(paths.sounds),
     )  # fmt: skip
 
 
 def render(check: Check) -> None:
     """A view of a box."""
-    from vibraverse import targets
     from vibraverse.meshfiles import write_ply
 
     points, tets = box()
     surface = check.at(check.plan.paths.surface)
     write_ply(surface, points, _boundary(tets))
-    (view,) = (check.at(pattern) for pattern in targets.views(check.plan))
-    record = check.at(check.plan.paths.images_record)
-    check.run("images", *check.options("images"), surface=surface, views=view, record=record)
+    views = check.at(check.plan.paths.views)
+    check.run("images", *check.options("images"), surface=surface, views=views)
 
 
 def _boundary(tets) -> list[tuple[int, ...]]:

@@ -247,17 +247,16 @@ def test_provenance_names_what_the_shard_came_from(reader, results):
     assert str(results) not in text
 
 
-def test_a_missing_product_is_one_sentence(results, tmp_path, vibraverse):
+@pytest.mark.parametrize("missing", ["solid/modes.h5", "solid/sounds/steel.wav", "views/clay-01.png"])
+def test_a_missing_product_is_one_sentence(tmp_path, vibraverse, missing):
     paths = make_products.make(tmp_path, objects=("bar-0000",))
-    missing = tmp_path / "objects/bar-0000/solid/modes.h5"
-    missing.unlink()
+    (tmp_path / "objects/bar-0000" / missing).unlink()
     shard = tmp_path / "0.h5"
     status, _, errors = vibraverse(
         "dataset", "--shard", shard, "--options", make_products.options(paths.results, ["bar-0000"])
     )
     assert status == 2
-    assert "solid/modes.h5" in errors.splitlines()[-1]
-    assert "does not exist" in errors.splitlines()[-1]
+    assert f"bar-0000/{missing} does not exist; `vibraverse repair --results" in errors.splitlines()[-1]
     assert "Traceback" not in errors
     assert not shard.exists()
 

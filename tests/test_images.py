@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 
 import meshio
@@ -14,6 +13,7 @@ from vibraverse.config.media import Images
 from vibraverse.media import images
 from vibraverse.media.looks import LOOKS, look_of
 from vibraverse.physics.materials import MATERIALS
+from vibraverse.products import sha256
 from vibraverse.refusal import Refusal, read_refusal
 
 BACKDROP = np.round(np.array(images.BACKGROUND) * 255)
@@ -138,64 +138,50 @@ def surface(tmp_path):
     return path
 
 
-def render(vibraverse, surface, names, folder="views", options='{"views": 2, "size_px": 48}'):
-    paths = [surface.parent / folder / f"{name}.png" for name in names]
+def render(vibraverse, surface, folder="views", looks=("clay", "glass", "wood")):
+    folder = surface.parent / folder
+    options = {"views": 2, "size_px": 48, "looks": looks}
     status, _, errors = vibraverse(
-        "images", "--object", "x", "--surface", surface, "--views", *paths,
-        "--record", surface.parent / folder / "images.json", "--options", options,
-    )  # fmt: skip
-    return status, errors, paths
+        "images", "--object", "x", "--surface", surface, "--views", folder, "--options", json.dumps(options)
+    )
+    return status, errors, folder
 
 
 def test_stage_writes_the_same_bytes_twice(vibraverse, surface):
     names = Images(views=2, looks=["clay", "glass", "wood"]).names()
     assert names == ["clay-00", "clay-01", "glass-00", "glass-01", "wood-00", "wood-01"]
     digests = []
-    for folder in ("first", "second"):
-        status, errors, paths = render(vibraverse, surface, names, folder)
+    for name in ("first", "second"):
+        status, errors, folder = render(vibraverse, surface, name)
         assert status == 0, errors
-        files = sorted(paths[0].parent.iterdir())
-        assert [path.name for path in files] == [*(f"{name}.png" for name in names[:4]), "images.json", *(
-            f"{name}.png" for name in names[4:]
-        )]  # fmt: skip
-        digests.append([hashlib.sha256(path.read_bytes()).hexdigest() for path in files])
+        digests.append({path.name: sha256(path) for path in folder.iterdir()})
     assert digests[0] == digests[1]
-    with Image.open(paths[0]) as picture:
+    assert sorted(digests[0]) == sorted([*(f"{name}.png" for name in names), "images.json"])
+    with Image.open(folder / "clay-00.png") as picture:
         assert (picture.size, picture.mode, picture.info) == ((48, 48), "RGB", {})
-    record = json.loads((paths[0].parent / "images.json").read_text())
+    record = json.loads((folder / "images.json").read_text())
+    assert record["provenance"]["output_sha256"]["views"]["wood-01.png"] == digests[0]["wood-01.png"]
     assert record["looks"] == ["clay", "glass", "wood"]
     assert record["views"][0] == {"azimuth_deg": 20.0, "elevation_deg": 25.0}
     assert record["size_px"] == 48
     assert record["renderer"] != "unknown"
 
 
-def test_removes_views_no_longer_asked_for(vibraverse, surface):
-    _, _, paths = render(vibraverse, surface, ["clay-00", "clay-01"])
-    (paths[0].parent / "photo.png").write_text("mine")
-    _, _, paths = render(vibraverse, surface, ["tin-01"])
-    assert sorted(path.name for path in paths[0].parent.iterdir()) == [
-        "images.json", "photo.png", "tin-01.png",
-    ]  # fmt: skip
-
-
-def test_views_are_png_files(vibraverse, surface):
-    status, _, errors = vibraverse(
-        "images", "--object", "x", "--surface", surface, "--views", surface.parent / "clay-00.jpg",
-        "--record", surface.parent / "images.json", "--options", '{"views": 2}',
-    )  # fmt: skip
+def test_replaces_the_folder_as_a_whole(vibraverse, surface):
+    render(vibraverse, surface)
+    _, _, folder = render(vibraverse, surface, looks=["tin"])
+    kept = ["images.json", "tin-00.png", "tin-01.png"]
+    assert sorted(path.name for path in folder.iterdir()) == kept
+    (folder / "photo.png").write_text("mine")
+    status, errors, _ = render(vibraverse, surface)
     assert status == 2
-    assert "views: 'clay-00.jpg' is not LOOK-VIEW.png with VIEW below 2" in errors
-
-
-@pytest.mark.parametrize("name", ["clay-02", "clay", "clay-one"])
-def test_says_which_name_it_does_not_know(vibraverse, surface, name):
-    status, errors, _ = render(vibraverse, surface, [name])
-    assert status == 2
-    assert f"'{name}.png'" in errors
+    assert "holds 'photo.png', which this stage did not write" in errors
+    assert sorted(path.name for path in folder.iterdir()) == sorted([*kept, "photo.png"])
 
 
 def test_passes_refusals_on(vibraverse, surface):
     surface.write_text(Refusal("x", "clean", "empty", "The file holds no triangles.").to_text())
-    status, _, paths = render(vibraverse, surface, ["clay-00"])
+    status, _, folder = render(vibraverse, surface)
     assert status == 0
-    assert read_refusal(paths[0]).reason == "empty"
+    assert [path.name for path in folder.iterdir()] == ["images.json"]
+    assert read_refusal(folder / "images.json").reason == "empty"

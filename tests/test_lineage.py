@@ -78,14 +78,31 @@ def test_a_repair_begins_with_the_last_products_and_goes_down_the_chain(tmp_path
     wrong = Path(paths.at(paths.modes, object="bar-0000", solidity="solid"))
     rot(wrong)
     deleted = []
-    monkeypatch.setattr(Path, "unlink", lambda path, missing_ok=False: deleted.append(path))
+    monkeypatch.setattr(products, "remove", deleted.append)
     assert vibraverse("repair", "--results", tmp_path, "--delete")[0] == 0
     kinds = [path.relative_to(tmp_path).parts[0] for path in deleted]
     assert kinds == sorted(kinds, key=["report", "dataset", "objects"].index)
     first = kinds.index("objects")
     assert deleted[first - 1] == Path(paths.at(paths.shard, shard="1"))
     assert deleted[first] == wrong
-    assert {path.parent.name for path in deleted[first + 1 :]} == {"sounds"}
+    assert [path.name for path in deleted[first + 1 :]] == ["sounds"]
+
+
+def test_what_is_missing_in_a_folder_is_made_again(run, vibraverse, finished):
+    """Snakemake sees the folder, and no more."""
+    folder = run.folder / BODY
+    (folder / "solid/sounds/wood.wav").unlink()
+    (folder / "views/images.json").unlink()
+    assert "audio" not in run.plan()[0]
+    status, out, _ = vibraverse("repair", "--results", run.folder / "results")
+    assert status == 1
+    assert f"{folder}/solid/sounds/wood.wav: it is missing" in out
+    assert f"{folder}/views/images.json: it is missing" in out
+    assert vibraverse("repair", "--results", run.folder / "results", "--delete")[0] == 0
+    planned = run.plan()[0]
+    assert (planned["audio"], planned["images"]) == (1, 1)
+    run()
+    assert run.checksums() == finished.checksums()
 
 
 def test_a_repaired_run_ends_with_the_same_bytes(finished, run, vibraverse):

@@ -53,8 +53,8 @@ def object_products(plan: Plan, object_id: str) -> list[str]:
     """Return every product of one object."""
     paths = plan.paths
     of_object = [paths.source_record, paths.surface, paths.clean_record, paths.grids, paths.coarse]
-    of_object += [paths.images_record, *views(plan), paths.hollow_surface, paths.hollow_record]
-    of_body = [paths.tets, paths.tets_record, paths.basis, paths.modes, paths.audio_record, *sounds(plan)]
+    of_object += [*views(plan), paths.hollow_surface, paths.hollow_record]
+    of_body = [paths.tets, paths.tets_record, paths.basis, paths.modes, *sounds(plan)]
     return [paths.at(pattern, object=object_id) for pattern in of_object] + [
         paths.at(pattern, object=object_id, solidity=solidity)
         for solidity in ("solid", "hollow")

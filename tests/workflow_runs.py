@@ -81,11 +81,12 @@ class Run:
         return {rule: int(count) for rule, count in rows.items()}, text
 
     def checksums(self) -> dict[str, str]:
-        """Return the SHA-256 of every product; logs and benchmarks hold times and do not count."""
+        """Return the SHA-256 of every product. Logs and benchmarks hold times, as do files of Snakemake."""
         results = self.folder / self.config["results"]
         return {
             str(path.relative_to(results)): hashlib.sha256(path.read_bytes()).hexdigest()
             for path in sorted(results.rglob("*"))
             if path.is_file()
+            and path.name != ".snakemake_timestamp"
             and path.relative_to(results).parts[0] not in ("logs", "benchmarks", ".run.lock")
         }

@@ -5,8 +5,7 @@ rule audio:
     input:
         modes=paths.modes,
     output:
-        sounds=targets.sounds(plan),
-        record=paths.audio_record,
+        sounds=directory(paths.sounds),
     log:
         paths.log("audio", "object", "solidity"),
     benchmark:
@@ -29,6 +28,5 @@ rule audio:
         "--object {wildcards.object} --solidity {wildcards.solidity} "
         "--modes {input.modes:q} "
         "--sounds {output.sounds:q} "
-        "--record {output.record:q} "
         "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"

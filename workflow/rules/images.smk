@@ -5,8 +5,7 @@ rule images:
     input:
         surface=paths.surface,
     output:
-        views=targets.views(plan),
-        record=paths.images_record,
+        views=directory(paths.views),
     log:
         paths.log("images", "object"),
     benchmark:
@@ -29,6 +28,5 @@ rule images:
         "--object {wildcards.object} "
         "--surface {input.surface:q} "
         "--views {output.views:q} "
-        "--record {output.record:q} "
         "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"

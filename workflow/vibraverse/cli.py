@@ -179,7 +179,7 @@ def _run_stage(name: str, argv: list[str], command: list[str]) -> int:
                 required=key not in stage.optional,
                 nargs="+" if key in stage.many else None,
                 type=Path,
-                metavar="FILE",
+                metavar="FOLDER" if key in stage.folders else "FILE",
                 help=text,
             )
     if stage.options is not None:

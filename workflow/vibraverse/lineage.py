@@ -21,7 +21,8 @@ from vibraverse.paths import SOLIDITIES, Paths
 class Step:
     """A stage of an object's chain: its arguments and the patterns that they mean (names in :class:`Paths`).
 
-    ``states`` is the output that states the provenance; ``of_body`` tells whether there is one job per body.
+    ``states`` is what states the provenance: an output, or a file in one that is a folder. ``of_body`` tells whether
+    there is one job per body.
     """
 
     stage: str
@@ -38,25 +39,25 @@ def _body(stage: str, inputs: dict, outputs: dict, states: str) -> Step:
 
 #: The stages of an object, in the order of the chain.
 STEPS = (
-    Step("sources", {}, {"mesh": "source_mesh", "record": "source_record"}, "record"),
+    Step("sources", {}, {"mesh": "source_mesh", "record": "source_record"}, "source_record"),
     Step(
         "clean",
         {"mesh": "source_mesh", "source_record": "source_record"},
         {"surface": "surface", "record": "clean_record"},
-        "record",
+        "clean_record",
     ),
     Step("grids", {"surface": "surface"}, {"grids": "grids", "coarse": "coarse"}, "grids"),
-    Step("images", {"surface": "surface"}, {"views": "view", "record": "images_record"}, "record"),
+    Step("images", {"surface": "surface"}, {"views": "views"}, "images_record"),
     Step(
         "hollow",
         {"surface": "surface", "grids": "grids"},
         {"hollow_surface": "hollow_surface", "record": "hollow_record"},
-        "record",
+        "hollow_record",
     ),
-    _body("tets", {"surface": "boundary"}, {"tets": "tets", "record": "tets_record"}, "record"),
+    _body("tets", {"surface": "boundary"}, {"tets": "tets", "record": "tets_record"}, "tets_record"),
     _body("basis", {"tets": "tets"}, {"basis": "basis"}, "basis"),
     _body("modes", {"basis": "basis", "tets": "tets", "clean_record": "clean_record"}, {"modes": "modes"}, "modes"),
-    _body("audio", {"modes": "modes"}, {"sounds": "sound", "record": "audio_record"}, "record"),
+    _body("audio", {"modes": "modes"}, {"sounds": "sounds"}, "audio_record"),
 )  # fmt: skip
 
 
@@ -93,27 +94,36 @@ class Made:
             pattern = pattern(SimpleNamespace(solidity=self.solidity))
         return Path(self.paths.at(pattern, object=self.object, solidity=self.solidity))
 
+    def place(self, name: str) -> Path:
+        """Return the path of an output, a file or a folder."""
+        return self._at(self.step.outputs[name])
+
     def output(self, name: str) -> list[Path]:
-        """Return the paths of an output: one, or as many as there are of sounds and views, in the order written."""
-        pattern = getattr(self.paths, self.step.outputs[name])
-        names = {"object": self.object, "solidity": self.solidity}
-        one = Path(self.paths.at(pattern, **names, material="*", look="*", view="*"))
-        if "*" not in one.name:
-            return [one]
+        """Return the files of an output: itself, or those of a folder, as its record says or as they lie there."""
+        place = self.place(name)
+        if place != self.record.parent:
+            return [place]
         stated = self.provenance.get("output_sha256", {}).get(name)
-        found = (one.with_name(each) for each in stated) if stated else sorted(one.parent.glob(one.name))
-        return [path for path in found if not path.name.startswith(".")]
+        there = (path.name for path in place.glob("*") if not path.name.startswith("."))
+        return [place / each for each in dict.fromkeys([*(stated or sorted(there)), self.record.name])]
 
     @property
     def outputs(self) -> list[Path]:
-        """The paths of all outputs."""
+        """The files of all outputs."""
         return [path for name in self.step.outputs for path in self.output(name)]
 
     @property
+    def places(self) -> list[Path]:
+        """The paths of all outputs, files and folders, as Snakemake knows them."""
+        return [self.place(name) for name in self.step.outputs]
+
+    @property
     def record(self) -> Path:
-        """The output that states the provenance."""
-        pattern = getattr(self.paths, self.step.outputs[self.step.states])
-        return Path(self.paths.at(pattern, object=self.object, solidity=self.solidity))
+        """The file that states the provenance."""
+        return self._at(self.step.states)
+
+    def _at(self, name: str) -> Path:
+        return Path(self.paths.at(getattr(self.paths, name), object=self.object, solidity=self.solidity))
 
     @cached_property
     def content(self) -> dict:
@@ -143,7 +153,7 @@ class Made:
         for name in self.step.inputs:
             words += [_option(name), str(self.input(name))]
         for name in self.step.outputs:
-            words += [_option(name), *map(str, self.output(name))]
+            words += [_option(name), str(self.place(name))]
         options = self.provenance.get("options") or {}
         return shlex.join([*words, "--options", json.dumps(options, ensure_ascii=False)])
 

@@ -9,6 +9,7 @@ import importlib.metadata
 import json
 import os
 import re
+import shutil
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -59,19 +60,50 @@ def aside(path: str | Path) -> Path:
 def remove_partials(path: Path) -> None:
     """Remove what a killed run left beside ``path``."""
     for stale in path.parent.glob(f".*.partial.{glob.escape(path.name)}"):
-        stale.unlink(missing_ok=True)
+        _erase(stale)
+
+
+def remove(path: Path) -> None:
+    """Remove a file, or a folder in one step: what is left of it while its files go does not bear its name."""
+    if path.is_dir():
+        gone = _gone(path)
+        os.replace(path, gone)
+        _erase(gone)
+    else:
+        path.unlink(missing_ok=True)
 
 
 def publish(partial: Path, final: Path) -> None:
-    """Flush ``partial`` to disk and rename it to ``final`` in one step."""
-    with open(partial, "rb+") as file:
-        os.fsync(file.fileno())
+    """Flush ``partial``, a file or a folder of files, to disk and rename it to ``final``.
+
+    A file takes the place of another in one step; a folder that is there goes first.
+    """
+    for path in partial.iterdir() if partial.is_dir() else [partial]:
+        with open(path, "rb+") as file:
+            os.fsync(file.fileno())
+    gone = _gone(final)
+    if final.is_dir():
+        os.replace(final, gone)
     os.replace(partial, final)
+    _erase(gone)
+
+
+def _gone(path: Path) -> Path:
+    """Return the name that a folder bears while it is removed; it counts as a partial one."""
+    return path.with_name(f".{os.getpid()}.gone.partial.{path.name}")
+
+
+def _erase(path: Path) -> None:
+    """Remove a file or a folder, if there is one."""
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
 
 
 @contextmanager
 def whole(path: str | Path):
-    """Yield a temporary path; on success it becomes ``path``, on failure it is removed."""
+    """Yield a temporary path for a file or folder; on success it becomes ``path``, on failure it is removed."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = aside(path)
@@ -79,7 +111,7 @@ def whole(path: str | Path):
         yield partial
         publish(partial, path)
     finally:
-        partial.unlink(missing_ok=True)
+        _erase(partial)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -160,7 +160,7 @@ def seconds_left(found: Survey, means: dict[str, float], now: float | None = Non
 def _kinds(plan: Plan) -> list[Kind]:
     """Return the jobs of an object in this configuration, in the order of the chain."""
     asked = plan.config.solidities
-    several = {"sound": targets.sounds(plan), "view": targets.views(plan)}
+    several = {"sounds": targets.sounds(plan), "views": targets.views(plan)}
     folder = plan.paths.at(plan.paths.object, object=_ANY)
     found: dict[str, Kind] = {}  # by the files it makes
     kinds = []

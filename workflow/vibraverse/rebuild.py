@@ -21,7 +21,7 @@ from vibraverse.refusal import read_refusal
 
 
 class Wrong(NamedTuple):
-    """A wrong product: its path, why, what makes it again, and all files that this makes anew.
+    """A wrong product: its path, why, what makes it again, and all files and folders that this makes anew.
 
     A file that is none of the run's has nothing that makes it.
     """
@@ -29,7 +29,7 @@ class Wrong(NamedTuple):
     path: Path
     sentence: str
     by: str
-    files: list[Path]
+    anew: list[Path]
     object: str = ""
 
 
@@ -70,9 +70,8 @@ def wrong_products(paths: Paths, object_id: str, packed: dict[str, str], packed_
     ``packed`` maps products, below the object's folder, to the checksums that its shard states; ``packed_at`` is the
     time of that shard.
     """
-    chain = [
-        made for made in jobs(paths, object_id) if made.record.is_file() and not read_refusal(made.record)
-    ]
+    every = jobs(paths, object_id)
+    chain = [made for made in every if made.record.is_file() and not read_refusal(made.record)]
     made_by = makers(chain)
     digest = cache(products.sha256)
     reported: set[Made] = set()
@@ -80,17 +79,22 @@ def wrong_products(paths: Paths, object_id: str, packed: dict[str, str], packed_
     def report(made: Made, path: Path, sentence: str) -> Iterator[Wrong]:
         if made not in reported:
             reported.add(made)
-            files = [file for later in after(made) for file in later.outputs if file.is_file()]
-            yield Wrong(path, sentence, str(made), files, object_id)
+            anew = [place for later in after(made) for place in later.places if place.exists()]
+            yield Wrong(path, sentence, str(made), anew, object_id)
 
+    for made in every:
+        if made.record.parent in made.places and made.record.parent.is_dir() and not made.record.is_file():
+            yield from report(made, made.record, "it is missing")
     for made in chain:
         if not made.provenance:
             yield from report(made, made.record, "its provenance cannot be read")
         for name, stated in made.provenance.get("output_sha256", {}).items():
             for path in made.output(name):
-                right = stated[path.name] if isinstance(stated, dict) else stated
-                if path.is_file() and digest(path) != right:
+                right = stated.get(path.name) if isinstance(stated, dict) else stated
+                if path.is_file() and right is not None and digest(path) != right:
                     yield from report(made, path, f"it is not what {made.step.stage} wrote")
+                elif made.place(name).is_dir() and not path.is_file():
+                    yield from report(made, path, "it is missing")
         for name, right in made.provenance.get("input_sha256", {}).items():
             path = made.input(name) if name in made.step.inputs else None
             if path in made_by and _changed(path, right, made.record.stat().st_mtime, digest):

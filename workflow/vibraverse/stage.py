@@ -13,7 +13,7 @@ import resource
 import shlex
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,14 +25,18 @@ if TYPE_CHECKING:
     from pydantic import BaseModel
 
 
+#: The file by which Snakemake keeps the time of a folder.
+_TIMESTAMP = ".snakemake_timestamp"
+
+
 @dataclass(frozen=True)
 class Stage:
     """The contract of one stage.
 
-    ``inputs`` and ``outputs`` map argument names to help texts; a name listed in ``many`` takes several
-    paths. ``options`` is the stage's configuration section. ``libraries`` are the distributions whose
-    versions its products state. With ``passes_refusals`` off the stage reads refused inputs itself. Inputs named in
-    ``optional`` may be left out.
+    ``inputs`` and ``outputs`` map argument names to help texts. An input listed in ``many`` takes several paths, one in
+    ``optional`` may be left out; an output in ``folders`` is a folder of files, and the name there is that of its
+    record. ``options`` is the stage's configuration section. ``libraries`` are the distributions whose versions its
+    products state. With ``passes_refusals`` off the stage reads refused inputs itself.
     """
 
     name: str
@@ -42,6 +46,7 @@ class Stage:
     run: Callable[[Job], None]
     options: type[BaseModel] | None = None
     many: frozenset[str] = frozenset()
+    folders: Mapping[str, str] = field(default_factory=dict)
     optional: frozenset[str] = frozenset()
     libraries: tuple[str, ...] = ()
     per_object: bool = True
@@ -60,18 +65,18 @@ class Stage:
 class Job:
     """One run of a stage: resolved inputs, the paths to write to, the validated options.
 
-    ``outputs`` are temporary paths beside the final ones; whatever the stage writes there is renamed
-    into place when it returns.
+    ``outputs`` are temporary paths beside the final ones, of folders there already; whatever the stage writes there is
+    renamed into place when it returns.
     """
 
     stage: Stage
     object: str
     solidity: str
     inputs: dict[str, Path | list[Path]]
-    final: dict[str, Path | list[Path]]
+    final: dict[str, Path]
     options: BaseModel | None
     threads: int = 1
-    outputs: dict[str, Path | list[Path]] = field(default_factory=dict)
+    outputs: dict[str, Path] = field(default_factory=dict)
 
     def provenance(self, *written: str) -> dict:
         """Return versions, options and checksums, the same for the same inputs.
@@ -79,7 +84,7 @@ class Job:
         ``written`` names the outputs that are complete, besides the one that will hold this; their checksums are in it.
         """
         versions = products.library_versions(self.stage.libraries)
-        outputs = {"output_sha256": _checksums(self.outputs, self.final, written)} if written else {}
+        outputs = {"output_sha256": _checksums(self.outputs, written)} if written else {}
         return {
             "stage": self.stage.name,
             "stage_version": self.stage.version,
@@ -88,33 +93,29 @@ class Job:
             "object": self.object,
             "solidity": self.solidity,
             "options": self.options.model_dump(mode="json") if self.options else {},
-            "input_sha256": _checksums(self.inputs, self.inputs, self.inputs),
+            "input_sha256": _checksums(self.inputs, self.inputs),
             **outputs,
         }
 
-    def write_record(self, content: dict, output: str = "record") -> None:
+    def write_record(self, content: dict) -> None:
         """Write the stage's JSON record: its findings, then its provenance."""
-        written = [name for name in self.outputs if name != output and _all_there(self.outputs[name])]
-        products.write_json(self.outputs[output], {**content, "provenance": self.provenance(*written)})
+        records = [self.outputs[name] / record for name, record in self.stage.folders.items()]
+        record = records[0] if records else self.outputs["record"]
+        written = [name for name, path in self.outputs.items() if path != record and path.exists()]
+        products.write_json(record, {**content, "provenance": self.provenance(*written)})
 
 
-Files = dict[str, Path | list[Path]]
-
-
-def _checksums(files: Files, called: Files, names) -> dict:
-    """Return the SHA-256 of files by argument; of several, by the names that they are ``called``."""
+def _checksums(files: Mapping[str, Path | list[Path]], names) -> dict:
+    """Return the SHA-256 of files by argument; of several, and of those in a folder, by their names."""
     found = {}
     for name in names:
-        if isinstance(files[name], list):
-            pairs = zip(called[name], files[name], strict=True)
-            found[name] = {final.name: products.sha256(path) for final, path in pairs}
-        elif files[name] is not None:
-            found[name] = products.sha256(files[name])
+        path = files[name]
+        several = path if isinstance(path, list) else sorted(path.iterdir()) if path.is_dir() else None
+        if several is None:
+            found[name] = products.sha256(path)
+        else:
+            found[name] = {one.name: products.sha256(one) for one in several}
     return found
-
-
-def _all_there(paths: Path | list[Path]) -> bool:
-    return all(path.is_file() for path in (paths if isinstance(paths, list) else [paths]))
 
 
 def _flat(paths: dict[str, Path | list[Path]]) -> list[Path]:
@@ -125,8 +126,12 @@ def _flat(paths: dict[str, Path | list[Path]]) -> list[Path]:
 
 
 def _write_refusal(job: Job, refusal: Refusal) -> None:
-    for path in _flat(job.final):
-        products.write_text(path, refusal.to_text())
+    for name, path in job.final.items():
+        with products.whole(path) as partial:
+            if name in job.stage.folders:
+                partial.mkdir()
+                partial /= job.stage.folders[name]
+            partial.write_text(refusal.to_text(), encoding="utf-8")
     print(f"refused ({refusal.reason}): {refusal.message} {refusal.advice}".strip(), file=sys.stderr)
 
 
@@ -138,6 +143,8 @@ def run(job: Job, command: list[str]) -> int:
             wrong = "is not a file" if path.exists() else "does not exist"
             print(f"{job.stage.name}: the input {path} {wrong}.", file=sys.stderr)
             return 2
+    for name in job.stage.folders:
+        _check_ours(job.stage, name, job.final[name])
     if job.stage.passes_refusals:
         for path in _flat(job.inputs):
             refusal = read_refusal(path)
@@ -156,7 +163,7 @@ def run(job: Job, command: list[str]) -> int:
     if refused:
         return 0
     seconds = time.perf_counter() - started
-    for path in _flat(job.final)[:8]:
+    for path in job.final.values():
         print(f"wrote {path}", file=sys.stderr)
     cpu_s = _cpu_s() - cpu_before
     print(
@@ -168,20 +175,16 @@ def run(job: Job, command: list[str]) -> int:
 
 def _make(job: Job) -> bool:
     """Make the products, or put a refusal in their place; return whether it was refused."""
-    for path in _flat(job.final):
+    for path in job.final.values():
         path.parent.mkdir(parents=True, exist_ok=True)
         products.remove_partials(path)
-    job.outputs = {
-        name: [products.aside(path) for path in value] if isinstance(value, list) else products.aside(value)
-        for name, value in job.final.items()
-    }
+    job.outputs = {name: products.aside(path) for name, path in job.final.items()}
     try:
+        for name in job.stage.folders:
+            job.outputs[name].mkdir()
         job.stage.run(job)
-        left = _left_over(job)
-        for partial, final in zip(_flat(job.outputs), _flat(job.final), strict=True):
-            products.publish(partial, final)
-        for path in left:
-            path.unlink(missing_ok=True)
+        for name, final in job.final.items():
+            products.publish(job.outputs[name], final)
     except Refused as refused:
         _write_refusal(
             job,
@@ -191,41 +194,40 @@ def _make(job: Job) -> bool:
         )
         return True
     finally:
-        for partial in _flat(job.outputs):
-            partial.unlink(missing_ok=True)
+        for partial in job.outputs.values():
+            products.remove(partial)
     return False
 
 
-def _left_over(job: Job) -> list[Path]:
-    """Return what the record that lies there says was made beside it, and is not made now.
+def _check_ours(stage: Stage, name: str, folder: Path) -> None:
+    """Raise :class:`UsageError` where a folder that is to be replaced holds what the stage did not write."""
+    from vibraverse.cli import UsageError
 
-    A file counts only while its bytes are those of the record: no other is ours to remove.
-    """
-    several = job.stage.many & job.final.keys()
-    if not several:
-        return []
-    record = job.final["record"]
+    if not folder.exists():
+        return
+    if not folder.is_dir():
+        raise UsageError(f"{name}: {folder} is a file, and the stage writes a folder; name another one")
+    record = stage.folders[name]
     try:
-        before = products.read_provenance(record)["output_sha256"]
-        listed = {record.parent / name: sha256 for key in several for name, sha256 in before[key].items()}
-    except (OSError, ValueError, LookupError, TypeError, AttributeError):
-        return []  # no record, a refusal, or anything else
-    made = {path.absolute() for path in _flat(job.final)}
-    return [
-        path
-        for path, sha256 in listed.items()
-        if path.absolute() not in made and path.is_file() and products.sha256(path) == sha256
-    ]
+        written = set(products.read_provenance(folder / record)["output_sha256"][name])
+    except (OSError, ValueError, LookupError, TypeError):
+        written = set()  # no record, a refusal, or anything else
+    found = {path.name for path in folder.iterdir()}
+    strange = sorted(found - written - {record, _TIMESTAMP})
+    if strange:
+        raise UsageError(
+            f"{name}: {folder} holds {strange[0]!r}, which this stage did not write; the folder is replaced as a "
+            "whole, so name another one, or move that away"
+        )
 
 
 def _not_stored(job: Job, error: Exception) -> str:
     """Return the sentence for an error that means that the products cannot be stored; empty for any other."""
-    finals = _flat(job.final)
+    finals = list(job.final.values())
     if isinstance(error, PermissionError):  # which may as well mean an input
-        where = str(error.filename)
-        if where not in map(str, _flat(job.outputs)) and not any(
-            path.is_relative_to(where) for path in finals
-        ):
+        where = Path(str(error.filename))
+        inside = any(where.is_relative_to(path) for path in job.outputs.values())
+        if not inside and not any(path.is_relative_to(where) for path in finals):
             return ""
     return products.not_stored(error, finals[0])
 

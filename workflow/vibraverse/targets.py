@@ -11,16 +11,17 @@ from vibraverse.validation.bodies import BODIES
 
 
 def sounds(plan: Plan) -> list[str]:
-    """Return the sound patterns of one body, with the wildcards left open."""
+    """Return the patterns of the sounds and their record of one body, with the wildcards left open."""
     return [
         plan.paths.sound.replace("{material}", name)
         for name in plan.config.audio.names(plan.config.materials)
-    ]
+    ] + [plan.paths.audio_record]
 
 
 def views(plan: Plan) -> list[str]:
-    """Return the picture patterns of one object, with the wildcard left open."""
-    return [plan.paths.view.replace("{look}-{view}", name) for name in plan.config.images.names()]
+    """Return the patterns of the pictures and their record of one object, with the wildcard left open."""
+    pictures = [plan.paths.view.replace("{look}-{view}", name) for name in plan.config.images.names()]
+    return [*pictures, plan.paths.images_record]
 
 
 def shard_products(plan: Plan, shard: str) -> list[str]:
@@ -31,7 +32,7 @@ def shard_products(plan: Plan, shard: str) -> list[str]:
     return [
         product
         for object_ in sorted(plan.shards[shard])
-        for product in stage_products(plan.paths, object_, plan.config.solidities)
+        for product in stage_products(plan.paths, object_, plan.config.solidities, folders=True)
     ]
 
 

@@ -13,6 +13,7 @@ from vibraverse.commands import counted, run_arguments, run_paths, run_soliditie
 from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.tables import from_tsv
+from vibraverse.lineage import jobs
 from vibraverse.paths import SOLIDITIES, Paths
 from vibraverse.rebuild import in_order
 from vibraverse.refusal import REASONS, read_refusal
@@ -168,14 +169,13 @@ def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
 def _delete(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> None:
     refused, touched = [], set()
     for object_id in found:
-        folder = Path(paths.at(paths.object, object=object_id))
-        for path in sorted(folder.rglob("*")) if any(found[object_id]) else ():
-            refusal = read_refusal(path)
+        for made in jobs(paths, object_id) if any(found[object_id]) else ():
+            refusal = read_refusal(made.record)
             if refusal and (not asked or refusal.reason in asked or object_id in asked):
-                refused.append(path)
+                refused += [place for place in made.places if place.exists()]
                 touched.add(object_id)
     for path in in_order(paths, refused, touched) if touched else ():
-        path.unlink(missing_ok=True)
+        products.remove(path)
     if touched:
         print(
             f"Deleted {counted(len(refused), 'refused product')} of {counted(len(touched), 'object')}; "

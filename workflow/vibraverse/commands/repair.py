@@ -6,9 +6,9 @@ import argparse
 from contextlib import nullcontext
 from pathlib import Path
 
-from vibraverse import guard
+from vibraverse import guard, products
 from vibraverse.cli import UsageError
-from vibraverse.commands import advised, run_arguments, run_paths
+from vibraverse.commands import advised, counted, run_arguments, run_paths
 from vibraverse.dataset.chain import objects_in, shards_in
 from vibraverse.paths import Paths
 from vibraverse.rebuild import in_order, packed_products, wrong_dataset, wrong_products
@@ -40,7 +40,7 @@ def main(argv: list[str]) -> int:
 def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool, again: str) -> int:
     found = _wrong(paths, objects, has_dataset)
     for wrong in found[:_SHOWN]:
-        by = f"\n    made by {wrong.by}, with {len(wrong.files)} files" if wrong.by else ""
+        by = f"\n    made by {wrong.by}, with {counted(len(wrong.anew), 'product')}" if wrong.by else ""
         print(f"{wrong.path}: {wrong.sentence}{by}")
     if len(found) > _SHOWN:
         print(f"… and {len(found) - _SHOWN} more")
@@ -51,13 +51,13 @@ def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool,
     if not ours:
         return 1
     objects = {wrong.object for wrong in ours if wrong.object}
-    files = in_order(paths, (file for wrong in ours for file in wrong.files), objects)
+    gone = in_order(paths, (path for wrong in ours for path in wrong.anew), objects)
     if not delete:
-        print(f"{len(files)} files to make again: {again}, then run the workflow.")
+        print(f"{counted(len(gone), 'product')} to make again: {again}, then run the workflow.")
         return 1
-    for file in files:
-        file.unlink(missing_ok=True)
-    print(f"Deleted {len(files)} files; the next run makes them and what depends on them again.")
+    for path in gone:
+        products.remove(path)
+    print(f"Deleted {counted(len(gone), 'product')}; the next run makes them and what depends on them again.")
     return int(len(ours) < len(found))
 
 
@@ -66,7 +66,7 @@ def _wrong(paths: Paths, objects: list[str], has_dataset: bool) -> list:
     packed: dict[str, tuple[dict, float]] = {}
     for shard in shards_in(paths.dataset):
         at = shard.stat().st_mtime
-        packed.update({name: (products, at) for name, products in (packed_products(shard) or {}).items()})
+        packed.update({name: (held, at) for name, held in (packed_products(shard) or {}).items()})
     for object_id in objects:
         found += wrong_products(paths, object_id, *packed.get(object_id, ({}, 0.0)))
     return found

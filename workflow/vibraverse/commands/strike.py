@@ -246,13 +246,12 @@ class _Strike:
         if self.point is not None:
             points = [[(x - c) * clean["scale"] for x, c in zip(self.point, clean["centre"], strict=True)]]
         audio = Audio(points=points)
-        sound = at(p.sound).with_stem(audio.names([self.material_name])[-1])
+        name = audio.names([self.material_name])[-1]
         self.options["audio"] = audio
-        self._stage("audio", {"modes": at(p.modes)}, {"sounds": [sound], "record": at(p.audio_record)})
-        facts = self._facts(
-            at(p.modes), clean, products.read_json(at(p.tets_record)), products.read_json(at(p.audio_record))
-        )
-        return facts, sound
+        self._stage("audio", {"modes": at(p.modes)}, {"sounds": at(p.sounds)})
+        rendered = products.read_json(at(p.audio_record))["sounds"][name]
+        facts = self._facts(at(p.modes), clean, products.read_json(at(p.tets_record)), rendered)
+        return facts, at(p.sounds) / f"{name}.wav"
 
     def _stage(self, name: str, inputs: dict, outputs: dict) -> None:
         """Run one stage quietly; a refusal is raised, a failure shows what the stage said."""
@@ -270,12 +269,12 @@ class _Strike:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
         if status:
             raise UsageError(f"the stage {name} failed:\n{said.getvalue()}")
-        first = next(iter(outputs.values()))
-        refusal = read_refusal(first[0] if isinstance(first, list) else first)
+        name, first = next(iter(outputs.items()))
+        refusal = read_refusal(first / stage.folders[name] if name in stage.folders else first)
         if refusal is not None:
             raise Refused(refusal.reason, refusal.message, refusal.advice)
 
-    def _facts(self, modes_path: Path, clean: dict, tets: dict, audio: dict) -> dict:
+    def _facts(self, modes_path: Path, clean: dict, tets: dict, rendered: dict) -> dict:
         import h5py
 
         with h5py.File(modes_path) as h5:
@@ -284,7 +283,6 @@ class _Strike:
             frequencies, damping = group["frequencies_hz"][()], group["damping_per_s"][()]
             error, mass_kg = group["relative_error"][()], float(group.attrs["mass_kg"])
             element_error = group["discretisation_error"][()]
-        (rendered,) = audio["sounds"].values()
         struck_at = rendered["struck_at"]
         if struck_at is not None:
             struck_at = [x / clean["scale"] + c for x, c in zip(struck_at, clean["centre"], strict=True)]

@@ -15,6 +15,8 @@ from vibraverse.refusal import Refusal, read_refusal
 #: One product per stage is enough: a refusal stands in all of them. In the order of the chain.
 OBJECT_CHAIN = ("source_record", "clean_record", "grids", "images_record")
 BODY_CHAIN = ("tets_record", "basis", "modes", "audio_record")
+#: The folders that some of them lie in.
+_FOLDERS = {"images_record": "views", "audio_record": "sounds"}
 
 
 def body_chain(solidity: str) -> tuple[str, ...]:
@@ -59,15 +61,18 @@ def refusals_of(paths: Paths, object_id: str, solidities=SOLIDITIES) -> Refusals
     return Refusals(at_object, bodies)
 
 
-def stage_products(paths: Paths, object_id: str, solidities) -> list[str]:
-    """Return one product per stage that worked on the object and on these bodies: those that state their provenance."""
-    found = [paths.at(getattr(paths, name), object=object_id) for name in OBJECT_CHAIN]
-    for solidity in solidities:
-        found += [
-            paths.at(getattr(paths, name), object=object_id, solidity=solidity)
-            for name in body_chain(solidity)
-        ]
-    return found
+def stage_products(paths: Paths, object_id: str, solidities, folders: bool = False) -> list[str]:
+    """Return one product per stage that worked on the object and on these bodies: those that state their provenance.
+
+    With ``folders``, the folder where it lies in one: that is what Snakemake knows.
+    """
+    names = [(name, "") for name in OBJECT_CHAIN]
+    names += [(name, solidity) for solidity in solidities for name in body_chain(solidity)]
+    called = _FOLDERS if folders else {}
+    return [
+        paths.at(getattr(paths, called.get(name, name)), object=object_id, solidity=solidity)
+        for name, solidity in names
+    ]
 
 
 def objects_in(paths: Paths) -> list[str]:

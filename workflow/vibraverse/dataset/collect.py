@@ -89,7 +89,8 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
         if split_sound(name, materials)[0] is None and sampled_number(name) is None:
             continue
         # 24-bit samples are exact in float32; soundfile divides them by 2^23.
-        samples, sample_rate_hz = soundfile.read(at(paths.sound, material=name), dtype="float32")
+        with open(at(paths.sound, material=name), "rb") as wav:
+            samples, sample_rate_hz = soundfile.read(wav, dtype="float32")
         yield f"{solidity}/sounds/{name}", samples
         yield f"{solidity}/sounds/{name}@sample_rate_hz", sample_rate_hz
         yield f"{solidity}/sounds/{name}@duration_s", len(samples) / sample_rate_hz

@@ -54,11 +54,13 @@ def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, sha
         write_field(group, schema.CHECKSUMS, json.dumps(checksums(group)))
         return Packed([], refusals.rows(object_id), {})
 
-    write_fields(group, collect.object_fields(paths, object_id, options.looks))
     bodies = [solidity for solidity in options.solidities if solidity not in refusals.bodies]
+    made = [Path(path) for path in stage_products(paths, object_id, bodies)]
+    for path in made:
+        path.stat()  # HDF5's own error names no file
+    write_fields(group, collect.object_fields(paths, object_id, options.looks))
     for solidity in bodies:
         write_fields(group, collect.body_fields(paths, object_id, solidity, options.materials))
-    made = [Path(path) for path in stage_products(paths, object_id, bodies)]
     folder = paths.at(paths.object, object=object_id)
     write_field(
         group, "products", json.dumps({path.relative_to(folder).as_posix(): sha256(path) for path in made})

@@ -7,7 +7,7 @@ from vibraverse.stage import Job, Stage
 
 
 def run(job: Job) -> None:
-    """Write one sound per output file; the file's stem says of which material, and struck where."""
+    """Write a sound per material and struck point; the file's stem says of which material, and struck where."""
     import h5py
 
     from vibraverse.cli import UsageError
@@ -15,13 +15,8 @@ def run(job: Job) -> None:
     from vibraverse.modesfile import read_spectrum
     from vibraverse.physics.impulse import contact, impact_sound
     from vibraverse.physics.materials import sampled_name
-    from vibraverse.texts import unknown
 
-    for path in job.final["sounds"]:
-        if path.suffix != ".wav":
-            raise UsageError(f"sounds: {path.name!r} is not NAME.wav")
     options = job.options
-    names = [path.stem for path in job.final["sounds"]]
     record = {}
     with h5py.File(job.inputs["modes"]) as modes:
         sampled = len(modes["sampled/poisson"]) if "sampled" in modes else 0
@@ -29,16 +24,12 @@ def run(job: Job) -> None:
         contacts = [
             contact(modes["surface/vertices"], modes["surface/faces"], point) for point in options.points
         ]
-        for name, path in zip(names, job.outputs["sounds"], strict=True):
+        if options.sampled > sampled:
+            raise UsageError(
+                f"audio.sampled is {options.sampled}, and the modes are of {sampled} sampled materials"
+            )
+        for name in options.names(modes["materials"]):
             material, point = split_sound(name, materials)
-            if material is None:
-                raise UsageError(f"sounds: {unknown('material', name, modes['materials'])}")
-            if point is not None and material not in modes["materials"]:
-                raise UsageError(f"sounds: {name!r} asks for mode shapes, which no sampled material has")
-            if point is not None and point >= len(contacts):
-                raise UsageError(
-                    f"sounds: {name!r} asks for point {point} of {len(contacts)} in audio.points"
-                )
             struck = None if point is None else contacts[point]
             sound = impact_sound(
                 *read_spectrum(modes, material),
@@ -48,7 +39,7 @@ def run(job: Job) -> None:
                 None if struck is None else struck.weights(modes[f"materials/{material}/mode_shapes"]),
             )
             wav, levels = audio.wav_bytes(sound.samples, sound.sample_rate_hz, options.subtype)
-            path.write_bytes(wav)
+            (job.outputs["sounds"] / f"{name}.wav").write_bytes(wav)
             record[name] = {
                 "material": material,
                 "struck_at": None if struck is None else struck.position,
@@ -78,12 +69,11 @@ STAGE = Stage(
     help="render the impact sounds",
     inputs={"modes": "modes.h5: frequencies and damping of every material"},
     outputs={
-        "sounds": "WAV files; stem MATERIAL, or MATERIAL-pK for struck point K",
-        "record": "audio.json: gains, durations and counts",
+        "sounds": "folder for MATERIAL.wav, MATERIAL-pK.wav (struck point K) and audio.json: gains, durations, counts"
     },
     run=run,
     options=Audio,
-    many=frozenset({"sounds"}),
+    folders={"sounds": "audio.json"},
     libraries=("numpy", "scipy", "h5py", "soundfile"),
     per_solidity=True,
 )

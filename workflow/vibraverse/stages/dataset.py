@@ -16,6 +16,7 @@ def run(job: Job) -> None:
     import h5py
 
     from vibraverse.cli import UsageError
+    from vibraverse.commands import advised
     from vibraverse.dataset.pack import finish, pack_object
     from vibraverse.paths import Paths
 
@@ -28,7 +29,11 @@ def run(job: Job) -> None:
                 for object_id in job.options.objects
             ]
         except FileNotFoundError as error:
-            raise UsageError(f"dataset: {error.filename or error} does not exist.") from None
+            again = advised("repair", "--delete", results=job.options.results)
+            raise UsageError(
+                f"dataset: {error.filename or error} does not exist; {again} takes away what was made with it, so that "
+                "the next run makes it again"
+            ) from None
         finish(h5, packed)
         products.write_provenance(h5, job.provenance())
 
