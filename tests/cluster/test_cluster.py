@@ -110,9 +110,11 @@ def test_a_main_process_that_ends_is_started_again(cluster_run, expected, number
     """SIGINT cancels the jobs; after SIGKILL they go on, and a new run says so until they are done."""
     process = cluster_run.start(*QUICK)
     job = wait_for(lambda: running("tets"))[0]
+    call("scontrol", "suspend", job)  # so that it does not end by itself, however slow the machine
     os.killpg(process.pid, number)
     process.wait(120)
     if number == signal.SIGKILL:
+        call("scontrol", "resume", job)
         again = cluster_run(*QUICK, check=False)
         assert again.returncode == 2
         assert "an earlier run still has" in again.stdout + again.stderr
