@@ -30,6 +30,13 @@ def large() -> bytes:
     return bytes(200 * 10**6)
 
 
+def spin(seconds: float) -> str:
+    """Compute for so much CPU time."""
+    while time.process_time() < seconds:
+        pass
+    return "done"
+
+
 def process() -> int:
     return os.getppid()
 
@@ -54,7 +61,8 @@ def test_a_result_comes_back_from_a_child(threads):
         (np.ones, (10**8,), 60, "limit", "it needed more than 300 MB."),
         (unloaded, (), 60, "limit", "it needed more than 300 MB."),
         (large, (), 60, "limit", "it needed more than 300 MB."),
-        (time.sleep, (60,), 0.2, "limit", "it was stopped after 0.2 s."),
+        (time.sleep, (60,), 3, "limit", "it was stopped when it had stood still for 3 s."),
+        (spin, (60,), 0.5, "limit", "it was stopped after 0.5 s of CPU time."),
         (crash, (), 60, "meshing_failed", "it crashed (SIGSEGV)."),
         (int, ("x",), 60, "meshing_failed", "it failed: ValueError"),
     ],
@@ -67,6 +75,29 @@ def test_how_a_child_ends_is_said(threads, function, arguments, seconds, reason,
 
 def test_memory_is_counted_from_what_the_process_has(threads):
     assert run_limited(np.ones, 5 * 10**6, seconds=60, memory_mb=200, what="it").sum() == 5 * 10**6
+
+
+def test_a_job_that_is_suspended_is_not_refused_for_it():
+    program = (
+        "from test_limits import spin\n"
+        "from vibraverse.limits import run_limited\n"
+        "print(run_limited(spin, 1.0, seconds=3, memory_mb=500, what='it'))\n"
+    )
+    with subprocess.Popen(
+        [sys.executable, "-c", program],
+        cwd=Path(__file__).parent,
+        stdout=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    ) as job:
+        children = Path(f"/proc/{job.pid}/task/{job.pid}/children")
+        while not children.read_text():
+            assert job.poll() is None
+            time.sleep(0.02)
+        os.killpg(job.pid, signal.SIGSTOP)
+        time.sleep(6)
+        os.killpg(job.pid, signal.SIGCONT)
+        assert job.communicate(timeout=60)[0] == "done\n"
 
 
 def wide(seconds: float) -> bytes:

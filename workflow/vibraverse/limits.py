@@ -7,6 +7,8 @@ grows fast with the mesh; they get a limit where they run.
 The child is a fork: it has the libraries that its parent imported, which a new process would import again for longer
 than many a body takes. A fork of a process with several threads may wait for ever for one that it does not have, so
 there the child is a new process.
+
+A limit of time is one of work: a busy machine, and one that suspends its jobs, refuse the same objects as an idle one.
 """
 
 from __future__ import annotations
@@ -16,6 +18,7 @@ import os
 import signal
 import sys
 import tempfile
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -103,8 +106,9 @@ def run_limited(
     """Return ``function(*arguments)``, computed in a child process with limits.
 
     ``function`` must be importable and its arguments and result picklable; ``what`` names the tool in the
-    refusal ("gmsh"), ``key`` the section of the configuration that the limits come from. ``memory_mb`` limits the
-    address space that the child takes besides what it starts with.
+    refusal ("gmsh"), ``key`` the section of the configuration that the limits come from. ``seconds`` limits the CPU
+    time that the child takes, and the time in which it takes none; ``memory_mb`` the address space besides what it
+    starts with.
 
     Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
     crash or an exception, or the :class:`Refused` that the function itself raised.
@@ -120,7 +124,8 @@ def run_limited(
         process.start()
         sender.close()
         try:
-            status, value = receiver.recv() if receiver.poll(seconds) else ("timeout", None)
+            over = _overtime(receiver, process.pid, seconds)
+            status, value = ("timeout", over) if over else receiver.recv()
         except EOFError:
             status, value = "crash", None
         if status == "timeout":
@@ -142,7 +147,7 @@ def run_limited(
     if status == "timeout":
         raise Refused(
             "limit",
-            f"{what} was stopped after {seconds:g} s.{said}",
+            f"{what} was stopped {value}.{said}",
             f"Raise {key}.seconds, or simplify the mesh.",
         )
     if status == "memory" or process.exitcode == -signal.SIGKILL:
@@ -160,6 +165,33 @@ def run_limited(
             f"Repair or simplify the mesh, or raise {key}.memory_mb: some tools crash where memory ends.",
         )
     raise Refused("meshing_failed", f"{what} failed: {value}.{said}", "Repair or simplify the mesh.")
+
+
+def _overtime(receiver, pid: int, seconds: float) -> str:
+    """Wait for a child's answer; return nothing, or what the child did for longer than it may."""
+    step, worked, still = min(1.0, seconds / 4), 0.0, 0.0
+    while worked <= seconds and still <= seconds:
+        began = time.monotonic()
+        if receiver.poll(step):
+            return ""
+        before, worked = worked, _cpu_s(pid)
+        # A step that took much longer is one in which this process was stopped, and the child with it.
+        still = 0.0 if worked > before else still + min(time.monotonic() - began, 2 * step)
+    return (
+        f"after {seconds:g} s of CPU time"
+        if worked > seconds
+        else f"when it had stood still for {seconds:g} s"
+    )
+
+
+def _cpu_s(pid: int) -> float:
+    """Return the CPU seconds that a process has taken; 0 where the system does not say."""
+    try:
+        with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as file:
+            ticks = file.read().rpartition(")")[2].split()[11:13]
+        return sum(map(int, ticks)) / os.sysconf("SC_CLK_TCK")
+    except OSError:
+        return 0.0
 
 
 @contextmanager

@@ -13,7 +13,7 @@ class Limits(Section):
     """Limits of a tool that runs in a child process."""
 
     seconds: PositiveInt = 300
-    """Time after which the tool is stopped and the object refused."""
+    """CPU time after which the tool is stopped and the object refused; also how long it may stand still."""
 
     memory_mb: PositiveInt = 4096
     """Memory, besides its libraries', beyond which the tool is stopped and the object refused."""
