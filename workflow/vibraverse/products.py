@@ -74,11 +74,11 @@ def remove(path: Path) -> None:
 
 
 def publish(partial: Path, final: Path) -> None:
-    """Flush ``partial``, a file or a folder of files, to disk and rename it to ``final``.
+    """Flush ``partial``, a file or a folder with all that is in it, to disk and rename it to ``final``.
 
     A file takes the place of another in one step; a folder that is there goes first.
     """
-    for path in partial.iterdir() if partial.is_dir() else [partial]:
+    for path in filter(Path.is_file, partial.rglob("*") if partial.is_dir() else [partial]):
         with open(path, "rb+") as file:
             os.fsync(file.fileno())
     gone = _gone(final)

@@ -7,7 +7,6 @@ itself appears last.
 from __future__ import annotations
 
 import hashlib
-import os
 import shutil
 from pathlib import Path
 
@@ -43,15 +42,12 @@ def write_assets(parent: Path, assets: dict[str, bytes]) -> str:
     for name, content in sorted(assets.items()):
         digest.update(f"{name}\0{len(content)}\0".encode() + content)
     final = parent / digest.hexdigest()[:12]
-    partial = parent / f".{os.getpid()}.partial"
-    partial.mkdir(parents=True)
-    for name, content in assets.items():
-        path = partial / name
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_bytes(content)
-    if final.exists():
-        shutil.rmtree(final)
-    partial.rename(final)
+    with products.whole(final) as partial:
+        partial.mkdir()
+        for name, content in assets.items():
+            path = partial / name
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_bytes(content)
     for other in parent.iterdir():
         if other != final:
             shutil.rmtree(other)
