@@ -60,6 +60,10 @@ class Stage:
 
         return VERSIONS[self.name]
 
+    def record_at(self, output: str, place: Path) -> Path:
+        """Return where a refusal stands for the product at ``place``: there, or in the record of a folder."""
+        return place / self.folders[output] if output in self.folders else place
+
 
 @dataclass
 class Job:
@@ -99,8 +103,8 @@ class Job:
 
     def write_record(self, content: dict) -> None:
         """Write the stage's JSON record: its findings, then its provenance."""
-        records = [self.outputs[name] / record for name, record in self.stage.folders.items()]
-        record = records[0] if records else self.outputs["record"]
+        output = next(iter(self.stage.folders), "record")
+        record = self.stage.record_at(output, self.outputs[output])
         written = [name for name, path in self.outputs.items() if path != record and path.exists()]
         products.write_json(record, {**content, "provenance": self.provenance(*written)})
 
@@ -130,8 +134,7 @@ def _write_refusal(job: Job, refusal: Refusal) -> None:
         with products.whole(path) as partial:
             if name in job.stage.folders:
                 partial.mkdir()
-                partial /= job.stage.folders[name]
-            partial.write_text(refusal.to_text(), encoding="utf-8")
+            job.stage.record_at(name, partial).write_text(refusal.to_text(), encoding="utf-8")
     print(f"refused ({refusal.reason}): {refusal.message} {refusal.advice}".strip(), file=sys.stderr)
 
 
@@ -207,13 +210,13 @@ def _check_ours(stage: Stage, name: str, folder: Path) -> None:
         return
     if not folder.is_dir():
         raise UsageError(f"{name}: {folder} is a file, and the stage writes a folder; name another one")
-    record = stage.folders[name]
+    record = stage.record_at(name, folder)
     try:
-        written = set(products.read_provenance(folder / record)["output_sha256"][name])
+        written = set(products.read_provenance(record)["output_sha256"][name])
     except (OSError, ValueError, LookupError, TypeError):
         written = set()  # no record, a refusal, or anything else
     found = {path.name for path in folder.iterdir()}
-    strange = sorted(found - written - {record, _TIMESTAMP})
+    strange = sorted(found - written - {record.name, _TIMESTAMP})
     if strange:
         raise UsageError(
             f"{name}: {folder} holds {strange[0]!r}, which this stage did not write; the folder is replaced as a "

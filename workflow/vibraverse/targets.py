@@ -12,16 +12,14 @@ from vibraverse.validation.bodies import BODIES
 
 def sounds(plan: Plan) -> list[str]:
     """Return the patterns of the sounds and their record of one body, with the wildcards left open."""
-    return [
-        plan.paths.sound.replace("{material}", name)
-        for name in plan.config.audio.names(plan.config.materials)
-    ] + [plan.paths.audio_record]
+    names = plan.config.audio.names(plan.config.materials)
+    return [*(plan.paths.sound.replace("{material}", name) for name in names), plan.paths.audio_record]
 
 
 def views(plan: Plan) -> list[str]:
     """Return the patterns of the pictures and their record of one object, with the wildcard left open."""
-    pictures = [plan.paths.view.replace("{look}-{view}", name) for name in plan.config.images.names()]
-    return [*pictures, plan.paths.images_record]
+    names = plan.config.images.names()
+    return [*(plan.paths.view.replace("{look}-{view}", name) for name in names), plan.paths.images_record]
 
 
 def shard_products(plan: Plan, shard: str) -> list[str]:

@@ -269,8 +269,7 @@ class _Strike:
             print("\r\033[K", end="", file=sys.stderr, flush=True)
         if status:
             raise UsageError(f"the stage {name} failed:\n{said.getvalue()}")
-        name, first = next(iter(outputs.items()))
-        refusal = read_refusal(first / stage.folders[name] if name in stage.folders else first)
+        refusal = read_refusal(stage.record_at(*next(iter(outputs.items()))))
         if refusal is not None:
             raise Refused(refusal.reason, refusal.message, refusal.advice)
 
