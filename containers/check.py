@@ -152,7 +152,7 @@ def fem(check: Check) -> None:
         basis=basis, tets=tets, clean_record=record, modes=modes,
     )  # fmt: skip
     check.run(
-        "audio", *check.options("audio"), solidity="solid", modes=modes, sounds=check.at(paths.sounds),
+        "audio", *check.options("audio"), solidity="solid", basis=basis, modes=modes, sounds=check.at(paths.sounds),
     )  # fmt: skip
 
 

@@ -271,7 +271,6 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
         h5.attrs.update(object=object_id, solidity=solidity, size_m=SIZE_M, size_origin="generated")
         h5.attrs["scale_m"] = SIZE_M / 1.8
         h5.attrs["volume_m3"] = volume * (SIZE_M / 1.8) ** 3
-        h5["surface/vertices"], h5["surface/faces"] = vertices.astype(np.float32), faces.astype(np.int32)
         for name in MATERIAL_NAMES:
             material = MATERIALS[name]
             group = h5.create_group(f"materials/{name}")
@@ -287,7 +286,7 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
             )
             group.attrs["solved_directly"] = False
             size = np.sqrt(material["density_kg_m3"] * h5.attrs["scale_m"] ** 3)
-            group["mode_shapes"] = (fields.transpose(2, 0, 1) / size).astype(np.float32)
+            group["mode_coefficients"] = (np.eye(rank) / size).astype(np.float32)
             sound = impact_sound(hz, damping, SOUND.sample_rate_hz, SOUND.decay_db, SOUND.max_s)
             wav, levels = wav_bytes(sound.samples, sound.sample_rate_hz)
             at(paths.sound, material=name).write_bytes(wav)

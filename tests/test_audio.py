@@ -23,25 +23,35 @@ DAMPING = {"ceramic": [8.0, 12.0, 30.0, 90.0], "rubber-p1": [400.0, 600.0, 8000.
 
 @pytest.fixture
 def modes(tmp_path):
-    """A body of two materials on one triangle in the plane z = 0, moving by 1, 2, 3 and 4 along z."""
+    """A body of two materials on one triangle in the plane z = 0, moving by 1, 2, 3 and 4 along z.
+
+    The ceramic's shapes are coefficients in three fields and a correction; the rubber was solved on the mesh.
+    """
     path = tmp_path / "modes.h5"
-    with h5py.File(path, "w") as file:
-        file["surface/vertices"] = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    shapes = np.zeros((4, 3, 3), np.float32)
+    shapes[:, :, 2] = np.arange(1, 5)[:, None]
+    with h5py.File(tmp_path / "basis.h5", "w") as file:
+        file["surface/vertices"] = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float64)
         file["surface/faces"] = np.array([[0, 1, 2]], np.int32)
-        shapes = np.zeros((4, 3, 3), np.float32)
-        shapes[:, :, 2] = np.arange(1, 5)[:, None]
+        file["surface/basis"] = shapes[:3].transpose(1, 2, 0)
+        file["correction/surface"] = 2 * shapes[3:].transpose(1, 2, 0)
+    with h5py.File(path, "w") as file:
         for name, frequencies in FREQUENCIES.items():
             group = file.create_group(f"materials/{name}")
             group["frequencies_hz"] = frequencies
             group["damping_per_s"] = DAMPING[name]
-            group["mode_shapes"] = shapes
+            if name == "ceramic":
+                group["mode_coefficients"] = np.diag([1, 1, 1, 0.5]).astype(np.float32)
+            else:
+                group["mode_shapes"] = shapes
     return path
 
 
 def render(vibraverse, modes, options="{}", folder="sounds"):
     folder = modes.parent / folder
     status, _, errors = vibraverse(
-        "audio", "--object", "x", "--solidity", "solid", "--modes", modes, "--sounds", folder, "--options", options,
+        "audio", "--object", "x", "--solidity", "solid", "--basis", modes.parent / "basis.h5", "--modes", modes,
+        "--sounds", folder, "--options", options,
     )  # fmt: skip
     return status, errors, folder
 
@@ -75,12 +85,13 @@ def test_writes_the_sounds_of_every_material(vibraverse, modes):
 def test_strikes_points(vibraverse, modes):
     status, errors, folder = render(vibraverse, modes, '{"points": [[0.2, 0.2, -3]]}')
     assert status == 0, errors
-    entry = json.loads((folder / "audio.json").read_text())["sounds"]["ceramic-p0"]
-    assert entry["struck_at"] == pytest.approx([0.2, 0.2, 0])
-    assert entry["struck_along"] == pytest.approx([0, 0, 1])
-    stored, _ = soundfile.read(folder / "ceramic-p0.wav")
-    physical = impact_sound(FREQUENCIES["ceramic"], DAMPING["ceramic"], 44_100, weights=[1, 2, 3, 4]).samples
-    np.testing.assert_allclose(stored / entry["gain"], physical, atol=2**-23 / entry["gain"])
+    for name, frequencies in FREQUENCIES.items():
+        entry = json.loads((folder / "audio.json").read_text())["sounds"][f"{name}-p0"]
+        assert entry["struck_at"] == pytest.approx([0.2, 0.2, 0])
+        assert entry["struck_along"] == pytest.approx([0, 0, 1])
+        stored, _ = soundfile.read(folder / f"{name}-p0.wav")
+        physical = impact_sound(frequencies, DAMPING[name], 44_100, weights=[1, 2, 3, 4]).samples
+        np.testing.assert_allclose(stored / entry["gain"], physical, atol=2**-23 / entry["gain"])
 
 
 def test_repeats_to_the_byte(vibraverse, modes):
@@ -99,7 +110,7 @@ def test_replaces_the_folder_as_a_whole(vibraverse, modes):
     status, errors, _ = render(vibraverse, modes)
     assert status == 0, errors
     assert names(folder) == ["audio.json", "ceramic.wav", "rubber-p1.wav"]
-    assert names(modes.parent) == ["modes.h5", "sounds"]
+    assert names(modes.parent) == ["basis.h5", "modes.h5", "sounds"]
 
 
 @pytest.mark.parametrize("record", [None, "", "[]", '{"provenance": {"output_sha256": {"sounds": []}}}'])
@@ -129,7 +140,7 @@ def test_nothing_is_left_of_a_failure(vibraverse, modes):
     status, errors, _ = render(vibraverse, modes, '{"sampled": 3}')
     assert status == 2
     assert "audio.sampled is 3, and the modes are of 0 sampled materials" in errors
-    assert names(modes.parent) == ["modes.h5"]
+    assert names(modes.parent) == ["basis.h5", "modes.h5"]
 
 
 def test_passes_refusals_on(vibraverse, modes):

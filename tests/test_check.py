@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import make_products
+import vibraverse.dataset
 from vibraverse.dataset import check
 from vibraverse.dataset.checksums import checksums
 from vibraverse.products import sha256
@@ -238,7 +239,7 @@ def with_text(path: str, text: str):
 
 
 def turned(path: str):
-    """Change two mode shapes, one of them by little."""
+    """Change two modes, one of them by little; two others are no longer orthogonal to them."""
 
     def change(objects):
         objects[path][0] = objects[path][0][::-1]
@@ -261,9 +262,10 @@ STEEL = "bar-0000/solid/materials/steel"
         (with_attribute(STEEL, "mass_kg", 1.0), "steel: mass_kg = 1 is not density times volume"),
         (with_attribute(STEEL, "poisson", 0.5), "solid/materials/steel@poisson holds numbers from 0.5 to 0.5"),
         (with_attribute("bar-0000/solid", "size_m", 1.0), "solid: scale_m = 0.1 is not size_m / 1.8"),
-        (scaled("bar-0000/solid/basis/reduced/mu", 1.001), "but the stored basis gives"),
+        (scaled("bar-0000/solid/basis/reduced/mu", 1.001), "[0, 1, 2, 3, 4, 5, 6, 7] and 56 more are no modes of the"),
+        (scaled("bar-0000/solid/sampled/frequencies_hz", 1.001), "sampled-0000: frequencies_hz[18] = "),
         (scaled("bar-0000/shape/spectrum", 1.001), "shape/spectrum is not that of the solid body's stored basis"),
-        (turned(f"{STEEL}/mode_shapes"), "steel: mode_shapes[0, 7] are not those that the stored basis gives"),
+        (turned(f"{STEEL}/mode_coefficients"), "steel: mode_coefficients[0, 7, 8, 63] are no modes of the"),
         (scaled("bar-0000/solid/sounds/steel", 0.999), "the sound steel differs by"),
         (with_attribute("bar-0000", "title", 3), "@title is no text"),
         (with_text("bar-0000/clean", "{"), "clean holds no record (JSON)"),
@@ -280,26 +282,64 @@ def test_what_no_checksum_can_tell_is_found(dataset, change, sentence):
 
 def test_shapes_agree_with_each_other(dataset):
     def change(objects):
-        place = objects[f"{STEEL}/mode_shapes"]
-        unit, shapes = place.attrs["unit"], place[:, :-1]
-        del objects[f"{STEEL}/mode_shapes"]
-        objects[f"{STEEL}/mode_shapes"] = shapes
-        objects[f"{STEEL}/mode_shapes"].attrs["unit"] = unit
+        place = objects[f"{STEEL}/mode_coefficients"]
+        unit, coefficients = place.attrs["unit"], place[:, :-1]
+        del objects[f"{STEEL}/mode_coefficients"]
+        objects[f"{STEEL}/mode_coefficients"] = coefficients
+        objects[f"{STEEL}/mode_coefficients"].attrs["unit"] = unit
 
     rewrite(dataset, "1.h5", change)
     (finding,) = check.findings(dataset)
-    assert (
-        "solid/materials/steel/mode_shapes has shape (64, 25, 3), not (m, V, 3) with V = 26"
-        in finding.sentence
-    )
+    assert "solid: steel: mode_coefficients has 63 columns, not 64 or 68" in finding.sentence
+
+
+def solved_directly(vertices: int):
+    """Store a material's shapes on so many vertices as they are, as of one that was solved on the mesh."""
+
+    def change(objects):
+        steel = objects[STEEL]
+        del steel["mode_coefficients"]
+        steel["mode_shapes"] = np.ones((64, vertices, 3), np.float32)
+        steel["mode_shapes"].attrs["unit"] = "kg^-1/2"
+        steel.attrs["solved_directly"] = True
+
+    return change
+
+
+def test_a_material_solved_on_the_mesh_has_its_shapes_as_they_are(dataset):
+    rewrite(dataset, "1.h5", solved_directly(26))
+    assert not list(check.findings(dataset, share=1.0))
+    with vibraverse.dataset.open(dataset) as reader:
+        np.testing.assert_array_equal(
+            reader.read("mode_shapes", "bar-0000", "solid", "steel"), np.ones((64, 26, 3))
+        )
+        others = reader.read("mode_shapes", "bar-0000", "solid", "wood")
+        assert not np.array_equal(others, np.ones((64, 26, 3)))
+
+
+@pytest.mark.parametrize(
+    ("vertices", "directly", "sentence"),
+    [
+        (25, True, "solid/materials/steel/mode_shapes has shape (64, 25, 3), not (m, V, 3) with V = 26"),
+        (26, False, "solid/materials/steel/mode_coefficients is missing"),
+    ],
+)
+def test_shapes_that_are_stored_are_those_of_a_solve_on_the_mesh(dataset, vertices, directly, sentence):
+    def change(objects):
+        solved_directly(vertices)(objects)
+        objects[STEEL].attrs["solved_directly"] = directly
+
+    rewrite(dataset, "1.h5", change)
+    (finding,) = check.findings(dataset)
+    assert sentence in finding.sentence
 
 
 def test_an_older_schema_is_one_sentence(dataset, vibraverse, tmp_path):
     shard = dataset / "shards/1.h5"
     with h5py.File(shard, "r+") as h5:
-        h5.attrs["format_version"] = 1
+        h5.attrs["format_version"] = 2
     sentence = (
-        "it follows version 1 of the schema and this is version 2; delete it and run the workflow again"
+        "it follows version 2 of the schema and this is version 3; delete it and run the workflow again"
     )
     status, out, _ = vibraverse("check", shard)
     assert status == 1

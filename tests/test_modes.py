@@ -11,10 +11,12 @@ import pytest
 
 from meshes import box
 from vibraverse.config.physics import MaterialModes, Sampled
+from vibraverse.modesfile import read_mode_shapes, read_surface
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.materials import MATERIALS, sampled
-from vibraverse.physics.modes import solve_material
+from vibraverse.physics.modes import departure, solve_material
+from vibraverse.physics.shapes import mode_shapes
 from vibraverse.plan import Plan
 from vibraverse.refusal import Refusal, read_refusal
 from vibraverse.seeds import rng
@@ -42,8 +44,45 @@ def test_scaling_with_size_and_wave_speed_is_exact(basis):
 def test_mode_shapes_are_normalised_by_mass(basis):
     """A shape's kinetic energy needs the inside too, but how it scales is known from the surface."""
     glass = MATERIALS["glass"]
-    small, large = (solve_material(basis, glass, scale, 5).mode_shapes for scale in (0.1, 0.2))
+    small, large = (solve_material(basis, glass, scale, 5).coefficients for scale in (0.1, 0.2))
     assert large == pytest.approx(small / np.sqrt(8), rel=1e-12)
+
+
+@pytest.mark.parametrize("corrected", [True, False])
+def test_departure_tells_modes_from_others(basis, corrected):
+    """Modes are orthonormal in the mass and have Rayleigh's quotient; a mixture, another length, another ν do not."""
+    glass = MATERIALS["glass"]
+    modes = solve_material(basis, glass, 0.1, 12, corrected)
+
+    def wrong(change, material=glass):
+        coefficients = modes.coefficients.astype(np.float32).astype(float)
+        change(coefficients)
+        return np.flatnonzero(
+            departure(basis, material, 0.1, modes.frequencies_hz, coefficients) > 1e-5
+        ).tolist()
+
+    def mix(coefficients):
+        coefficients[[2, 7]] = np.array([[0.8, 0.6], [-0.6, 0.8]]) @ coefficients[[2, 7]]
+
+    def lengthen(coefficients):
+        coefficients[4] *= 1.001
+
+    assert wrong(lambda _: None) == []
+    assert wrong(mix) == [2, 7]
+    assert wrong(lengthen) == [4]
+    assert wrong(lambda _: None, {**glass, "poisson": 0.21}) != []
+
+
+def test_mode_shapes_combine_basis_and_corrections(basis):
+    modes = solve_material(basis, MATERIALS["glass"], 0.1, 12)
+    every = np.concatenate([basis.surface, basis.correction_surface], axis=2).astype(float)
+    expected = np.einsum("mq,vdq->mvd", modes.coefficients, every)
+    shapes = mode_shapes(basis.surface, basis.correction_surface, modes.coefficients)
+    assert shapes == pytest.approx(expected, rel=1e-5, abs=1e-5 * float(np.abs(expected).max()))
+    some = [7, 3]
+    assert (
+        mode_shapes(basis.surface[some], basis.correction_surface[some], modes.coefficients)
+    ) == pytest.approx(shapes[:, some], rel=1e-5, abs=1e-5 * float(np.abs(expected).max()))
 
 
 def test_rayleigh_damping():
@@ -94,8 +133,12 @@ def test_modes_file(chain):
         assert steel["frequencies_hz"].shape == (12,)
         assert steel["frequencies_hz"].attrs["unit"] == "Hz"
         assert (np.diff(steel["frequencies_hz"]) >= 0).all()
-        assert steel["mode_shapes"].shape == (12, len(h5["surface/vertices"]), 3)
-        assert np.isfinite(steel["mode_shapes"]).all()
+        assert "mode_shapes" not in steel
+        with h5py.File(chain.folder / "basis.h5") as basis:
+            shapes = read_mode_shapes(h5, read_surface(basis), "steel")
+            assert shapes.shape == (12, len(basis["surface/vertices"]), 3)
+            some = read_mode_shapes(h5, read_surface(basis, [5, 2]), "steel", [5, 2])
+        assert some == pytest.approx(shapes[:, [5, 2]], rel=1e-5, abs=1e-6 * float(np.abs(shapes).max()))
         assert steel.attrs["mass_kg"] == pytest.approx(7850 * 1.8 * 1.2 * 0.7 * 0.05**3)
         provenance = json.loads(h5.attrs["provenance"])
     assert provenance["stage"] == "modes"
@@ -124,6 +167,15 @@ def test_a_material_out_of_range_is_solved_on_the_mesh(chain):
         expected = solve_material(right, rubber, h5.attrs["scale_m"], 12, corrected=False).frequencies_hz
         # The corrections belong to other ν there, so only what the mesh itself says can be compared closely.
         assert (found["frequencies_hz"][()] < expected).all()
+        # Shapes of the same rod, whether they are coefficients or as they are: the lowest mode differs little with ν.
+        assert "mode_coefficients" not in found
+        with h5py.File(chain.folder / "basis.h5") as basis:
+            lowest = [
+                read_mode_shapes(h5, read_surface(basis), name)[0].ravel() for name in ("steel", "rubber")
+            ]
+        lengths = [np.linalg.norm(shape) for shape in lowest]
+        assert abs(lowest[0] @ lowest[1]) > 0.98 * lengths[0] * lengths[1]
+        assert lengths[1] / lengths[0] == pytest.approx(np.sqrt(7850 / 1070), rel=0.05)
         assert found["frequencies_hz"][()] == pytest.approx(expected, rel=0.1)
 
 
@@ -183,7 +235,8 @@ def test_sampled_materials_of_a_body(chain, vibraverse):
         assert found["mass_kg"][0][2] == named.attrs["mass_kg"]
         assert found["relative_error"][0][2] == pytest.approx(named["relative_error"][()], rel=1e-6)
     status, _, err = vibraverse(
-        "audio", "--object", "brick", "--solidity", "solid", "--modes", chain.folder / "modes.h5",
+        "audio", "--object", "brick", "--solidity", "solid", "--basis", chain.folder / "basis.h5",
+        "--modes", chain.folder / "modes.h5",
         "--sounds", sounds, "--options", json.dumps({"points": [[0, 0, 0.9]], "sampled": 3}),
     )  # fmt: skip
     assert status == 0, err

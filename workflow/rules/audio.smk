@@ -3,6 +3,7 @@
 
 rule audio:
     input:
+        basis=paths.basis,
         modes=paths.modes,
     output:
         sounds=directory(paths.sounds),
@@ -26,6 +27,7 @@ rule audio:
     shell:
         "vibraverse audio "
         "--object {wildcards.object} --solidity {wildcards.solidity} "
+        "--basis {input.basis:q} "
         "--modes {input.modes:q} "
         "--sounds {output.sounds:q} "
         "--options {params.options:q} "

@@ -57,7 +57,7 @@ STEPS = (
     _body("tets", {"surface": "boundary"}, {"tets": "tets", "record": "tets_record"}, "tets_record"),
     _body("basis", {"tets": "tets"}, {"basis": "basis"}, "basis"),
     _body("modes", {"basis": "basis", "tets": "tets", "clean_record": "clean_record"}, {"modes": "modes"}, "modes"),
-    _body("audio", {"modes": "modes"}, {"sounds": "sounds"}, "audio_record"),
+    _body("audio", {"basis": "basis", "modes": "modes"}, {"sounds": "sounds"}, "audio_record"),
 )  # fmt: skip
 
 

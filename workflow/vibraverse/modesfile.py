@@ -6,6 +6,7 @@ import numpy as np
 
 from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.materials import sampled_number
+from vibraverse.physics.shapes import mode_shapes
 
 
 def read_spectrum(h5, material: str) -> tuple:
@@ -24,3 +25,29 @@ def read_spectrum(h5, material: str) -> tuple:
     frequencies = h5["sampled/frequencies_hz"][number]
     alpha, beta = (h5[f"sampled/{key}"][number] for key in ("alpha_per_s", "beta_s"))
     return frequencies, rayleigh_damping(2 * np.pi * frequencies, alpha, beta)[0]
+
+
+def read_surface(h5, vertices=None) -> tuple[np.ndarray, np.ndarray]:
+    """Return what mode shapes are made of: the basis (V, 3, r) and its corrections (V, 3, c) on the surface.
+
+    ``h5`` is an open basis.h5, or that group of a body in a shard; ``vertices`` chooses some of the surface's.
+    """
+
+    def rows(array) -> np.ndarray:
+        # One by one: from a file that is not compressed, no more than these are read.
+        return array[()] if vertices is None else np.stack([array[int(vertex)] for vertex in vertices])
+
+    return rows(h5["surface/basis"]), rows(h5["correction/surface"])
+
+
+def read_mode_shapes(h5, surface: tuple, material: str, vertices=None) -> np.ndarray:
+    """Return the mode shapes (m, V, 3) of a named material in kg^(-1/2), float32.
+
+    ``h5`` is as for :func:`read_spectrum`; ``surface`` and ``vertices`` as for :func:`read_surface`, which gave it.
+    Raises :class:`KeyError` where there is no such material.
+    """
+    group = h5["materials"][material]
+    if "mode_shapes" in group:  # solved on the mesh itself
+        shapes = group["mode_shapes"][()]
+        return shapes if vertices is None else shapes[:, vertices]
+    return mode_shapes(*surface, group["mode_coefficients"][()])

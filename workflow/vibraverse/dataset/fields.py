@@ -346,12 +346,22 @@ FIELDS: tuple[Field, ...] = (
         "whether the material was solved on the mesh itself",
     ),
     Field(
+        "mode_coefficients",
+        f"{_MATERIAL}/mode_coefficients",
+        "float32",
+        "(m, q)",
+        "kg^-1/2",
+        "mass-normalised mode shapes in the modal basis, q = r, and its corrections, q = r + c; none where "
+        "solved directly",
+    ),
+    Field(
         "mode_shapes",
         f"{_MATERIAL}/mode_shapes",
         "float32",
         "(m, V, 3)",
         "kg^-1/2",
-        "mass-normalised displacements at the surface vertices",
+        "mass-normalised displacements at the surface vertices; stored only where solved directly, otherwise a "
+        "reader makes them",
     ),
     _sampled("density_kg_m3", "float64", "(n,)", "kg/m³", "density"),
     _sampled("young_pa", "float64", "(n,)", "Pa", "Young's modulus"),

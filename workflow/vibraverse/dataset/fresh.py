@@ -92,7 +92,7 @@ class FreshItems:
         if self.size_m is not None:
             size_m = float(self.size_m[0] * (self.size_m[1] / self.size_m[0]) ** random.random())
         scale_m = size_m / LONGEST_SIDE
-        modes = solve_material(basis, material, scale_m, len(basis.residuals), self._corrected, shapes=False)
+        modes = solve_material(basis, material, scale_m, len(basis.residuals), self._corrected)
         computed = {name: getattr(modes, name) for name in COMPUTED if hasattr(modes, name)}
         size = {"size_m": size_m, "scale_m": scale_m, "volume_m3": basis.volume * scale_m**3}
         return {name: np.asarray(value)[()] for name, value in {**size, **material, **computed}.items()}

@@ -1,7 +1,8 @@
 """The equations that the numbers of one object satisfy, whatever made them: cheap, so all of them are asked.
 
 Positive volumes of the elements and their sum, ``m = ρV``, ``s = L / 1.8``, ascending frequencies, ``d = ½(α + βω²)``,
-``ω_d = sqrt(ω² - d²)``, faces that name vertices, sounds as long as they say.
+``ω_d = sqrt(ω² - d²)``, mode shapes orthonormal in the mass and orthogonal in the stiffness with ``ω²``, faces that
+name vertices, sounds as long as they say.
 """
 
 from __future__ import annotations
@@ -10,13 +11,19 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from vibraverse.basisfile import read_basis
 from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.geometry.moments import scale_free_moments
 from vibraverse.paths import SOLIDITIES
 from vibraverse.physics.damping import rayleigh_damping
+from vibraverse.physics.modes import departure
 
 #: Largest relative difference between a stored number and the same number from others: rounding, nothing else.
 ROUNDING = 1e-9
+#: The same for what mode shapes must satisfy, whose coefficients have single precision.
+ORTHOGONAL = 1e-5
+#: Wrong modes that a finding names.
+_NAMED = 8
 
 
 def violated(group) -> Iterator[str]:
@@ -58,8 +65,11 @@ def _body(body) -> Iterator[str]:
     ):
         if not _same(volume, volumes.sum() * scale_m**3):
             yield f"{name} means {volume:g} m³, the tetrahedra {volumes.sum() * scale_m**3:g} m³"
+    basis = read_basis(body["basis"], surface=False)
     for name, material in body["materials"].items():
         yield from (f"{name}: {sentence}" for sentence in _material(material, volume_m3))
+        if "mode_coefficients" in material:
+            yield from (f"{name}: {sentence}" for sentence in _mode_shapes(basis, material, scale_m))
     if "sampled" in body:
         yield from (f"sampled: {sentence}" for sentence in _sampled(body["sampled"], volume_m3))
     for name, sound in body["sounds"].items():
@@ -91,6 +101,19 @@ def _material(material, volume_m3: float) -> Iterator[str]:
     # Near critical damping ω² and d² cancel: the difference counts against ω.
     if np.abs(2 * np.pi * material["damped_frequencies_hz"][()] - damped).max() > 1e-6 * omega.max():
         yield "damped_frequencies_hz is not sqrt(ω² - d²)"
+
+
+def _mode_shapes(basis, material, scale_m: float) -> Iterator[str]:
+    hz, coefficients = material["frequencies_hz"][()], material["mode_coefficients"][()]
+    most = len(basis.a_mu), len(basis.correction_mu)
+    if coefficients.shape[1] not in most:
+        yield f"mode_coefficients has {coefficients.shape[1]} columns, not {most[0]} or {most[1]}"
+        return
+    wrong = departure(basis, dict(material.attrs), scale_m, hz, coefficients) > ORTHOGONAL
+    if wrong.any():
+        modes = np.flatnonzero(wrong).tolist()
+        more = f" and {len(modes) - _NAMED} more" if len(modes) > _NAMED else ""
+        yield f"mode_coefficients{modes[:_NAMED]}{more} are no modes of the stored basis at these frequencies"
 
 
 def _same(a, b) -> bool:

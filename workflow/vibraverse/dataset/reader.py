@@ -15,6 +15,7 @@ import numpy as np
 
 from vibraverse.dataset import schema
 from vibraverse.dataset.sampled import read_sampled, rows_of
+from vibraverse.dataset.shapes import Shapes
 from vibraverse.dataset.splits import SPLIT_COLUMNS
 from vibraverse.dataset.tables import from_tsv
 from vibraverse.physics.materials import sampled_number
@@ -49,6 +50,7 @@ class Reader:
         for name in self.fields:
             _field(name)
         self._handles: dict[str, object] = {}
+        self._shapes = Shapes()
         self._process = os.getpid()
         self.items: list[dict] = []
         self.refusals: list[dict] = []
@@ -152,6 +154,8 @@ class Reader:
         try:
             if number is not None and "{material}" in spec.path:
                 return read_sampled(group[solidity], field, number)
+            if field == "mode_shapes":
+                return self._shapes.read(group[solidity], (object, solidity), material)
             value = group[path.split("@")[0] or "."]
             value = value.attrs[spec.path.split("@")[1]] if spec.is_attribute else value
         except KeyError:
@@ -212,6 +216,7 @@ class Reader:
         for handle in self._handles.values() if self._process == os.getpid() else ():
             handle.close()
         self._handles.clear()
+        self._shapes = Shapes()
 
     def __enter__(self) -> Reader:
         return self
@@ -220,7 +225,7 @@ class Reader:
         self.close()
 
     def __getstate__(self) -> dict:
-        return {**self.__dict__, "_handles": {}}
+        return {**self.__dict__, "_handles": {}, "_shapes": Shapes()}
 
     def _open(self, shard: str):
         import h5py

@@ -1,5 +1,5 @@
-"""Making numbers of the dataset again from others in it: frequencies, mode shapes and the spectrum by which copies are
-found from the basis, sounds from the modes.
+"""Making numbers of the dataset again from others in it: frequencies and the spectrum by which copies are found from
+the basis, sounds from the modes.
 
 This is what says that labels and inputs belong together. It costs a tenth of a second an item, so a sample of the
 items is asked, by a hash of their names: the same ones every time, and others in every object.
@@ -19,9 +19,6 @@ from vibraverse.seeds import stable_hash
 
 #: Largest relative difference of a recomputed frequency: machines round differently, and eigenvalues amplify that.
 FREQUENCY = 1e-6
-#: Largest part of a mode shape, of its length, that is not in the span of those made again at its frequency, and how
-#: near frequencies are whose shapes may have mixed.
-SHAPE, _MIXED = 1e-3, 1e-3
 #: Largest difference of a recomputed sample, of full scale: eight steps of 24 bits, or one step of 16.
 SAMPLE = {"PCM_24": 8 / 2**23, "PCM_16": 2 / 2**15}
 
@@ -75,21 +72,18 @@ def _frequencies(body, material: str, making: dict) -> Iterator[str]:
     from vibraverse.physics.modes import solve_material
 
     corrected = making["modes"]["options"].get("corrected", VARIES)
-    number, shapes = sampled_number(material), None
+    number = sampled_number(material)
     if number is None:
         stored = body["materials"][material]
         values, directly = dict(stored.attrs), stored.attrs["solved_directly"]
         hz = stored["frequencies_hz"][()]
-        shapes = stored["mode_shapes"][()] if "mode_shapes" in stored else None
     else:
         values, directly = {name: body["sampled"][name][number] for name in PARAMETERS}, False
         hz = body["sampled/frequencies_hz"][number]
     if directly or corrected == VARIES:
         return
-    with_shapes = shapes is not None
-    basis = read_basis(body["basis"], surface=with_shapes)
-    scale_m = float(body.attrs["scale_m"])
-    found = solve_material(basis, values, scale_m, len(hz), corrected, shapes=with_shapes)
+    basis = read_basis(body["basis"], surface=False)
+    found = solve_material(basis, values, float(body.attrs["scale_m"]), len(hz), corrected)
     if len(found.frequencies_hz) != len(hz):
         yield f"the basis has {len(found.frequencies_hz)} modes, frequencies_hz {len(hz)}"
         return
@@ -100,30 +94,10 @@ def _frequencies(body, material: str, making: dict) -> Iterator[str]:
             f"frequencies_hz[{worst}] = {hz[worst]:.6g} Hz, but the stored basis gives "
             f"{found.frequencies_hz[worst]:.6g} Hz (tolerance {FREQUENCY:g} of it)"
         )
-    if with_shapes and (strange := _strange_shapes(shapes, found)):
-        yield f"mode_shapes{strange} are not those that the stored basis gives"
-
-
-def _strange_shapes(shapes: np.ndarray, found) -> list[int]:
-    """Return which shapes (m, V, 3) are not in the span of those found at their frequencies.
-
-    Modes of equal frequency come in any mixture, and where the next one, not kept, is among them nothing can be said.
-    """
-    hz = found.frequencies_hz
-    stored, again = (fields.reshape(len(hz), -1).astype(float) for fields in (shapes, found.mode_shapes))
-    strange = []
-    for mode, own in enumerate(stored):
-        near = np.abs(hz / hz[mode] - 1) < _MIXED
-        if near[-1] and abs(found.following_hz / hz[-1] - 1) < _MIXED:
-            continue
-        basis = np.linalg.qr(again[near].T)[0]
-        if np.linalg.norm(own - basis @ (basis.T @ own)) > SHAPE * np.linalg.norm(own):
-            strange.append(mode)
-    return strange
 
 
 def _sounds(body, material: str, making: dict) -> Iterator[str]:
-    from vibraverse.modesfile import read_spectrum
+    from vibraverse.modesfile import read_mode_shapes, read_spectrum, read_surface
     from vibraverse.physics.impulse import contact, impact_sound
 
     options = making["audio"]["options"]
@@ -134,10 +108,9 @@ def _sounds(body, material: str, making: dict) -> Iterator[str]:
         weights = None
         if point is not None:
             surface = body["basis/surface"]
-            struck = contact(
-                surface["vertices"][()].astype("f4"), surface["faces"][()], options["points"][point]
-            )
-            weights = struck.weights(body[f"materials/{material}/mode_shapes"][()])
+            struck = contact(surface["vertices"], surface["faces"], options["points"][point])
+            moving = read_surface(body["basis"], struck.corners)
+            weights = struck.weights(read_mode_shapes(body, moving, material, struck.corners))
         sound = impact_sound(
             *read_spectrum(body, material),
             int(stored.attrs["sample_rate_hz"]),

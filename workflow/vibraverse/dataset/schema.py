@@ -15,7 +15,7 @@ from vibraverse.dataset.splits import SPLIT_COLUMNS
 
 #: Identifies a shard, and the version of this table.
 FORMAT = "vibraverse-shard"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3
 
 #: Texts at the root of a shard: its rows of the index and of the refusals (tab-separated), how it was made (JSON).
 INDEX, REFUSALS, MAKING = "index", "refusals", "making"

@@ -26,6 +26,8 @@ from vibraverse.refusal import said
 _NAMED = 3
 #: Fields that refused objects have, too.
 _ALWAYS = (schema.CHECKSUMS,)
+#: Fields of which every material has one.
+_SHAPES = ("mode_coefficients", "mode_shapes")
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -163,13 +165,22 @@ def _expected(group) -> Iterator[str]:
             for solidity, gone in bodies.items():
                 if field.path.startswith("{solidity}/sampled/") and "sampled" not in group[solidity]:
                     continue
-                if field.is_refusal == gone:
+                if field.name in _SHAPES and not gone:
+                    yield from _shapes_of(field.name, f"{solidity}/materials", group)
+                elif field.is_refusal == gone:
                     yield from _filled(field.path.replace("{solidity}", solidity), group)
         elif field.path.startswith("hollow/"):
             if not bodies.get("hollow", True):
                 yield field.path
         elif field.is_refusal == refused or field.name in _ALWAYS:
             yield from _filled(field.path, group)
+
+
+def _shapes_of(name: str, place: str, group) -> Iterator[str]:
+    """Yield where materials have their mode shapes: in the basis, or as they are where it was not good enough."""
+    for material, stored in (group.get(place) or {}).items():
+        if bool(stored.attrs.get("solved_directly")) == (name == "mode_shapes"):
+            yield f"{place}/{material}/{name}"
 
 
 def _filled(path: str, group) -> Iterator[str]:

@@ -175,10 +175,9 @@ class Contact:
     position: np.ndarray
     normal: np.ndarray
 
-    def weights(self, mode_shapes) -> np.ndarray:
-        """Return ``u_i(x)·n`` (m,) of mode shapes (m, V, 3) on the surface's vertices."""
-        corners = np.stack([mode_shapes[:, corner, :] for corner in self.corners], axis=1)
-        return np.einsum("mck,c,k->m", corners.astype(np.float64), self.barycentric, self.normal)
+    def weights(self, at_corners: np.ndarray) -> np.ndarray:
+        """Return ``u_i(x)·n`` (m,) of mode shapes (m, 3, 3) at the corners, axes: mode, corner, direction."""
+        return np.einsum("mck,c,k->m", at_corners.astype(np.float64), self.barycentric, self.normal)
 
 
 def strike_weights(mode_shapes, vertices, faces, point) -> np.ndarray:
@@ -187,7 +186,8 @@ def strike_weights(mode_shapes, vertices, faces, point) -> np.ndarray:
     That is ``u_i(x)·n``; ``mode_shapes`` (m, V, 3) live on ``vertices`` (V, 3) and are interpolated linearly in
     the nearest of ``faces`` (F, 3).
     """
-    return contact(vertices, faces, point).weights(np.asarray(mode_shapes))
+    struck = contact(vertices, faces, point)
+    return struck.weights(np.asarray(mode_shapes)[:, struck.corners])
 
 
 def contact(vertices, faces, point) -> Contact:

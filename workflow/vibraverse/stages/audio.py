@@ -12,18 +12,19 @@ def run(job: Job) -> None:
 
     from vibraverse.cli import UsageError
     from vibraverse.media import audio
-    from vibraverse.modesfile import read_spectrum
+    from vibraverse.modesfile import read_mode_shapes, read_spectrum, read_surface
     from vibraverse.physics.impulse import contact, impact_sound
     from vibraverse.physics.materials import sampled_name
 
     options = job.options
     record = {}
-    with h5py.File(job.inputs["modes"]) as modes:
+    with h5py.File(job.inputs["modes"]) as modes, h5py.File(job.inputs["basis"]) as basis:
         sampled = len(modes["sampled/poisson"]) if "sampled" in modes else 0
         materials = [*modes["materials"], *map(sampled_name, range(sampled))]
         contacts = [
-            contact(modes["surface/vertices"], modes["surface/faces"], point) for point in options.points
+            contact(basis["surface/vertices"], basis["surface/faces"], point) for point in options.points
         ]
+        moving = [read_surface(basis, struck.corners) for struck in contacts]
         if options.sampled > sampled:
             raise UsageError(
                 f"audio.sampled is {options.sampled}, and the modes are of {sampled} sampled materials"
@@ -31,12 +32,15 @@ def run(job: Job) -> None:
         for name in options.names(modes["materials"]):
             material, point = split_sound(name, materials)
             struck = None if point is None else contacts[point]
+            weights = None
+            if struck is not None:
+                weights = struck.weights(read_mode_shapes(modes, moving[point], material, struck.corners))
             sound = impact_sound(
                 *read_spectrum(modes, material),
                 options.sample_rate_hz,
                 options.decay_db,
                 options.max_s,
-                None if struck is None else struck.weights(modes[f"materials/{material}/mode_shapes"]),
+                weights,
             )
             wav, levels = audio.wav_bytes(sound.samples, sound.sample_rate_hz, options.subtype)
             (job.outputs["sounds"] / f"{name}.wav").write_bytes(wav)
@@ -67,7 +71,10 @@ def run(job: Job) -> None:
 STAGE = Stage(
     name="audio",
     help="render the impact sounds",
-    inputs={"modes": "modes.h5: frequencies and damping of every material"},
+    inputs={
+        "basis": "basis.h5, for the surface that is struck",
+        "modes": "modes.h5: frequencies and damping of every material",
+    },
     outputs={
         "sounds": "folder for MATERIAL.wav, MATERIAL-pK.wav (struck point K) and audio.json: gains, durations, counts"
     },

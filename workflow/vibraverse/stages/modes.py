@@ -1,7 +1,7 @@
 """Stage ``modes``: the modal basis and the materials in, frequencies, damping and mode shapes out.
 
-A material for which the basis is not good enough (as a rule because its Poisson's ratio lies outside the range) is
-solved on the mesh itself.
+Mode shapes are kept as their coefficients in the basis. A material for which the basis is not good enough (as a rule
+because its Poisson's ratio lies outside the range) is solved on the mesh itself, and its shapes are kept as they are.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ _UNITS = {
     "damping_per_s": "1/s",
     "relative_error": "1",
     "discretisation_error": "1",
-    "mode_shapes": "kg^-1/2",
 }
+_SHAPE_UNIT = "kg^-1/2"
 
 #: What is kept of sampled materials. Damping follows from the parameters: ``d = ½(α + β ω²)``.
 SAMPLED_UNITS = {
@@ -48,11 +48,12 @@ def run(job: Job) -> None:
     import h5py
 
     from vibraverse.basisfile import read_basis
+    from vibraverse.physics.shapes import mode_shapes
 
     size_m, size_origin = object_size(job.options, read_json(job.inputs["clean_record"]))
     scale_m = size_m / LONGEST_SIDE
     with h5py.File(job.inputs["basis"]) as h5:
-        basis = read_basis(h5)
+        basis = read_basis(h5, surface=False)
     with h5py.File(job.outputs["modes"], "w") as h5:
         h5.attrs["object"] = job.object
         h5.attrs["solidity"] = job.solidity
@@ -61,27 +62,27 @@ def run(job: Job) -> None:
         h5.attrs["scale_m"] = scale_m
         h5.attrs["volume_m3"] = basis.volume * scale_m**3
         write_provenance(h5, job.provenance())
-        h5.create_dataset("surface/vertices", data=basis.vertices.astype("f4")).attrs["unit"] = (
-            "normalised length"
-        )
-        h5.create_dataset("surface/faces", data=basis.faces).attrs["unit"] = "index into surface/vertices"
         for name, material in job.options.materials.items():
             values = material.model_dump()
-            modes, directly = _solved(job, basis, values, scale_m)
+            modes, direct = _solved(job, basis, values, scale_m)
             group = h5.create_group(f"materials/{name}")
-            group.attrs["solved_directly"] = directly
+            group.attrs["solved_directly"] = direct is not None
             group.attrs.update(values)
             group.attrs["mass_kg"] = modes.mass_kg
             group.attrs["following_hz"] = modes.following_hz
             for key, unit in _UNITS.items():
-                array = getattr(modes, key)
-                group.create_dataset(key, data=array.astype("f4") if key == "mode_shapes" else array)
-                group[key].attrs["unit"] = unit
+                group.create_dataset(key, data=getattr(modes, key)).attrs["unit"] = unit
+            if direct is None:
+                name_of_shapes, shapes = "mode_coefficients", modes.coefficients
+            else:
+                surface = direct.surface, direct.correction_surface
+                name_of_shapes, shapes = "mode_shapes", mode_shapes(*surface, modes.coefficients)
+            group.create_dataset(name_of_shapes, data=shapes.astype("f4")).attrs["unit"] = _SHAPE_UNIT
             print(
                 f"{name}: {modes.frequencies_hz[0]:.1f} Hz to {modes.frequencies_hz[-1]:.1f} Hz, "
                 f"estimated error up to {modes.relative_error.max():.1e} by the basis and "
                 f"{modes.discretisation_error.max():.1e} by the elements"
-                + (", solved on the mesh" if directly else "")
+                + ("" if direct is None else ", solved on the mesh")
             )
         if job.options.sampled.count:
             _write_sampled(h5, job, basis, scale_m)
@@ -106,13 +107,13 @@ def _write_sampled(h5, job: Job, basis, scale_m: float) -> None:
 
 
 def _solved(job: Job, basis, material: dict, scale_m: float):
-    """Return the modes of a material, and whether they needed a solve on the mesh itself."""
+    """Return the modes of a material, and where they needed a solve on the mesh itself the basis of that, else None."""
     from vibraverse.physics.modes import solve_material
 
     options = job.options
     modes = solve_material(basis, material, scale_m, options.modes, options.corrected)
     if modes.relative_error.max() <= options.tolerance:
-        return modes, False
+        return modes, None
     from vibraverse.limits import limited_memory
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.factorisation import load
@@ -129,7 +130,7 @@ def _solved(job: Job, basis, material: dict, scale_m: float):
             poisson_range=(material["poisson"],) * 2,
             max_error=0.1 * options.tolerance,
         )
-    return solve_material(direct, material, scale_m, options.modes, options.corrected), True
+    return solve_material(direct, material, scale_m, options.modes, options.corrected), direct
 
 
 STAGE = Stage(

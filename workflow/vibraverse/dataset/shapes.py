@@ -1,0 +1,25 @@
+"""Mode shapes as a reader sees them: made from the body's modal basis and the material's coefficients in it.
+
+Stored as they are they would be half of a dataset. A basis takes longer to read than the shapes of one material to
+make, so that of the last body is kept: materials of one body come one after the other.
+"""
+
+from __future__ import annotations
+
+from vibraverse.modesfile import read_mode_shapes, read_surface
+
+
+class Shapes:
+    """Reads mode shapes; keeps one surface of some megabytes."""
+
+    def __init__(self):
+        self._key, self._surface = None, None
+
+    def read(self, body, key, material: str):
+        """Return the mode shapes (m, V, 3) of a named material; ``body`` is the HDF5 group that ``key`` stands for.
+
+        Raises :class:`KeyError` where there is no such material.
+        """
+        if self._key != key:
+            self._key, self._surface = key, read_surface(body["basis"])
+        return read_mode_shapes(body, self._surface, material)

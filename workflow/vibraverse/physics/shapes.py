@@ -1,0 +1,24 @@
+"""Mode shapes from their coefficients in the modal basis, on NumPy alone: readers of a dataset have no more."""
+
+from __future__ import annotations
+
+import numpy as np
+
+
+def mode_shapes(surface: np.ndarray, corrections: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    """Return mode shapes (m, V, 3) on the surface from their coefficients, in kg^(-1/2) and the surface's precision.
+
+    ``surface`` (V, 3, r) and ``corrections`` (V, 3, c) are those of a
+    :class:`vibraverse.physics.reduced.ModalBasis`, or some vertices of them;
+    ``coefficients`` (m, r), or (m, r + c) with corrections.
+    """
+    rank = surface.shape[2]
+    shapes = _combined(surface, coefficients[:, :rank])
+    if coefficients.shape[1] > rank:
+        shapes += _combined(corrections, coefficients[:, rank:])
+    return shapes
+
+
+def _combined(fields: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
+    flat = fields.reshape(-1, fields.shape[2])
+    return (coefficients.astype(flat.dtype) @ flat.T).reshape(-1, *fields.shape[:2])
