@@ -60,7 +60,9 @@ def main() -> None:
 
 def _fields(dataset) -> None:
     """Print what each field costs: bytes in memory and in the file, and the time of a read."""
-    print("| field | kB in memory | kB in the file | ms a read, median | next of the body |\n|" + 5 * " --- |")
+    print(
+        "| field | kB in memory | kB in the file | ms a read, median | next of the body |\n|" + 5 * " --- |"
+    )
     with vibraverse.dataset.open(dataset, FIELDS) as reader:
         for name in FIELDS:
             raw, stored, first, later, body = [], [], [], [], None
