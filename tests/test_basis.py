@@ -13,6 +13,7 @@ from vibraverse.basisfile import read_basis, write_basis
 from vibraverse.physics.basis import boundary, build_basis, rigid_body
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
+from vibraverse.physics.reduction import Reduction
 from vibraverse.refusal import Refused
 from vibraverse.seeds import rng
 
@@ -210,3 +211,23 @@ def test_too_few_unknowns_are_refused(mesh):
     one = cells[:1]
     with pytest.raises(Refused, match="too few for 64 elastic"):
         build_basis(points, one, rng=rng("x"))
+
+
+@pytest.mark.parametrize("outside", [1.0, 1e-2, 1e-4, 1e-6])
+def test_a_space_that_grows_has_an_orthonormal_basis(outside):
+    """However little of what joins lies outside the space, or in one of its own directions."""
+    operators = assemble(*box((1.8, 1.2, 0.7), (3, 2, 2)))
+    random = rng("t", "growth")
+    start = random.standard_normal((operators.unknowns, 6))
+    space = Reduction(operators, start)
+    fresh = random.standard_normal((operators.unknowns, 4))
+    fresh[:, 3] = fresh[:, 2] + outside * fresh[:, 3]
+    space.join(start[:, :4] + outside * fresh)
+    basis = space.vectors @ space.in_vectors(np.eye(10))
+    assert basis.T @ (operators.mass @ basis) == pytest.approx(np.eye(10), abs=1e-9)
+    for projected, matrix in ((space.a_lambda, operators.k_lambda), (space.a_mu, operators.k_mu)):
+        expected = basis.T @ (matrix @ basis)
+        assert projected == pytest.approx(expected, abs=1e-9 * np.abs(expected).max())
+    # All that joined is in it, and no rigid motion.
+    rigid = rigid_modes(operators.nodes)
+    assert basis.T @ (operators.mass @ rigid) == pytest.approx(np.zeros((10, 6)), abs=1e-9)

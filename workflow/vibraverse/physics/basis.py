@@ -83,16 +83,17 @@ def build_basis(
     turn, error = _compressed(space, modes, probes, max_error)
     faces, surface_nodes = boundary(cells)
     on_surface = _positions(cells, surface_nodes)
-    surface = _at(on_surface, space.vectors) @ turn
+    surface = _at(on_surface, space.vectors) @ space.in_vectors(turn)
     sign = signs(surface.reshape(-1, surface.shape[2]))
     turn, surface = turn * sign, surface * sign
     a_lambda, a_mu, sketch = space.turned(turn)
     if len(centres) > 1:
         factor.update(operators.shifted(*lame(1.0, centre), pairs.shift))
     lowest, coefficients, _ = space.solve(centre, modes, solved - modes)
-    corrections = correct(
-        operators, factor, pairs.shift, centre, space.vectors, lowest, combine(space.vectors, coefficients)
-    ).turned(turn)
+    lowest_modes = combine(space.vectors, space.in_vectors(coefficients))
+    corrections = correct(operators, factor, pairs.shift, centre, space.vectors, lowest, lowest_modes).turned(
+        space.in_vectors(turn)
+    )
     volume, middle, inertia = rigid_body(operators)
     return ModalBasis(
         a_lambda=a_lambda,

@@ -51,7 +51,7 @@ class Corrections:
     mass: np.ndarray
 
     def turned(self, turn: np.ndarray) -> Corrections:
-        """Return them for the basis turned by ``turn`` (r, s), orthonormal."""
+        """Return them for a basis with coefficients ``turn`` (r, s) in that one."""
         rank = len(turn)
         sides = (
             np.concatenate([turn.T @ matrix[:rank], matrix[rank:]]) for matrix in (self.k_lambda, self.k_mu)
@@ -70,7 +70,7 @@ def correct(
 ) -> Corrections:
     """Return the corrections of the Ritz pairs ``values`` (m,), ``modes`` (n, m) at a Poisson's ratio.
 
-    ``basis`` (n, r) is M-orthonormal and free of rigid motions; ``factor`` solves with ``K(poisson) - shift M``.
+    ``basis`` (n, r) is free of rigid motions; ``factor`` solves with ``K(poisson) - shift M``.
     """
     space = _Surplus(operators)
     n, (lam, mu) = operators.unknowns, lame(1.0, poisson)

@@ -1,6 +1,8 @@
 """A small space of displacements in which the eigenproblem of every Poisson's ratio is solved.
 
-``Reduction`` holds the space, M-orthonormal and free of rigid motions, and the operators projected onto it. It grows by
+``Reduction`` holds the space, free of rigid motions, and the operators projected onto an M-orthonormal basis of it. That
+basis is never formed: its small matrix of coefficients in the vectors that joined the space says what it is, which
+spares several passes over long vectors for each of them. The space grows by
 corrections: where the Ritz pair ``(ω², u)`` of some ν leaves the residual ``r = K(ν) u - ω² M u``, the vector ``B⁻¹ r``
 joins the space. ``B = K(ν₀) - σM`` is a fixed, factorised matrix, spectrally equivalent to ``K(ν) - σM`` within the
 factor ``(1 - 2ν₀) / (1 - 2ν)``, so near enough to ν₀ a correction costs one solve per mode where solving at ν again
@@ -19,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 import scipy.linalg
 
-from vibraverse.physics.columns import Columns, clear, combine, orthonormalise, product
+from vibraverse.physics.columns import Columns, clear, combine, orthonormalise, orthonormalising, product
 from vibraverse.physics.elasticity import Operators, rigid_modes
 from vibraverse.physics.materials import lame
 from vibraverse.physics.reduced import solve_reduced
@@ -28,14 +30,18 @@ from vibraverse.physics.reduced import solve_reduced
 _SKETCH = 48
 #: Room made at first, in multiples of the modes the space starts with.
 _CAPACITY = 8
+#: Where so little of the squares of joining vectors lies outside the space and in every direction of its own, rounding
+#: is felt: then that part is formed and looked at again. Directions with less than the second share are left out.
+_CANCELLED, _ROUNDING = 1e-6, 1e-14
 #: Directions of a correction that lower the error by less than this share of the error wanted are left out.
 _NEGLIGIBLE = 0.01
 
 
 class Reduction:
-    """A space ``vectors`` (n, r) with ``a_lambda``, ``a_mu`` (r, r) and ``sketch`` (k, p, 3r).
+    """A space with an M-orthonormal basis of r vectors: ``a_lambda``, ``a_mu`` (r, r) and ``sketch`` (k, p, 3r) in it.
 
-    :meth:`use` says which factorisation corrects from then on.
+    ``vectors`` (n, q) span the space, q ≥ r, and ``vectors @ in_vectors(c)`` is what has the coefficients c in the
+    basis. :meth:`use` says which factorisation corrects from then on.
     """
 
     def __init__(self, operators: Operators, vectors: np.ndarray):
@@ -43,28 +49,31 @@ class Reduction:
         self._rigid, self._weighted_rigid, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
         n = operators.unknowns
         self._columns = Columns(n, _CAPACITY * vectors.shape[1])
-        # The space times M.
-        self._weighted = Columns(n, _CAPACITY * vectors.shape[1])
+        self._turn = np.zeros((0, 0))
         self._projected = [np.zeros((0, 0)) for _ in range(2)]
         # Random vectors times K_λ, K_μ and M.
         self._probes: list[list[np.ndarray]] = []
         self._sketches: list[np.ndarray] = []
         self._energy_poisson: list[float] = []
-        self._extend(vectors)
+        self.join(vectors)
 
     @property
     def vectors(self) -> np.ndarray:
-        """The space, (n, r)."""
+        """What spans the space, (n, q)."""
         return self._columns.all
+
+    def in_vectors(self, coefficients: np.ndarray) -> np.ndarray:
+        """Return coefficients (q, m) in :attr:`vectors` of what has the coefficients (r, m) in the basis."""
+        return self._turn @ coefficients
 
     @property
     def a_lambda(self) -> np.ndarray:
-        """``K_λ`` projected onto the space, (r, r)."""
+        """``K_λ`` projected onto the basis, (r, r)."""
         return self._projected[0]
 
     @property
     def a_mu(self) -> np.ndarray:
-        """``K_μ`` projected onto the space, (r, r)."""
+        """``K_μ`` projected onto the basis, (r, r)."""
         return self._projected[1]
 
     @property
@@ -81,7 +90,7 @@ class Reduction:
         self._probes.append(
             [product(matrix, probes) for matrix in (operators.k_lambda, operators.k_mu, operators.mass)]
         )
-        self._sketches.append(_sketched(self._probes[-1], self.vectors))
+        self._sketches.append(_sketched(self._probes[-1], self.vectors) @ self._turn)
 
     def solve(self, poisson: float, modes: int, guard: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return what :func:`solve_reduced` does."""
@@ -91,7 +100,7 @@ class Reduction:
     def correct(self, poisson: float, values: np.ndarray, coefficients: np.ndarray, max_error: float) -> None:
         """Let the space grow by the corrections of Ritz pairs (m,), (r, m) at a Poisson's ratio."""
         stiffness = self._operators.stiffness(*lame(1.0, poisson))
-        modes = np.ascontiguousarray(combine(self.vectors, coefficients))
+        modes = np.ascontiguousarray(combine(self.vectors, self.in_vectors(coefficients)))
         residual = stiffness @ modes
         residual -= values * (self._operators.mass @ modes)
         # Scaled so that xᵀ B x is the square of the relative error; directions that hardly lower it are left out.
@@ -99,7 +108,8 @@ class Reduction:
         correction = self._factor.solve(residual)
         energy = correction.T @ residual
         gain, turn = np.linalg.eigh(0.5 * (energy + energy.T))
-        self._extend(combine(correction, turn[:, gain > _NEGLIGIBLE * max_error]))
+        kept = gain > _NEGLIGIBLE * max_error
+        self.join(correction if kept.all() else combine(correction, turn[:, kept]))
 
     def needed(self, coefficients: np.ndarray, drop: float) -> np.ndarray:
         """Return an orthonormal basis (r, s) of the directions that Ritz vectors (r, m) need by more than ``drop``.
@@ -114,28 +124,39 @@ class Reduction:
         return np.linalg.qr(scipy.linalg.solve_triangular(energy.T, directions))[0]
 
     def turned(self, turn: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return ``a_lambda``, ``a_mu`` and ``sketch`` of the subspace ``vectors @ turn``, turn (r, s) orthonormal."""
+        """Return ``a_lambda``, ``a_mu`` and ``sketch`` of a subspace whose basis has coefficients ``turn`` (r, s)."""
         a_lambda, a_mu = (turn.T @ matrix @ turn for matrix in self._projected)
         return 0.5 * (a_lambda + a_lambda.T), 0.5 * (a_mu + a_mu.T), _flat(np.stack(self._sketches) @ turn)
 
-    def _extend(self, block: np.ndarray) -> None:
+    def join(self, block: np.ndarray) -> None:
         """Join the span of ``block`` (n, k)."""
-        old, weighted_old = self.vectors, self._weighted.all
+        old, operators = self.vectors, self._operators
         block = np.array(block, order="F")
-        clear(block, self._rigid, self._weighted_rigid)
-        clear(block, old, weighted_old)
-        block, weighted, _ = orthonormalise(block, self._operators.mass)
-        images = product(self._operators.k_lambda, block), product(self._operators.k_mu, block)
+        for last in (False, False, True):
+            clear(block, self._rigid, self._weighted_rigid)
+            rows = np.ascontiguousarray(block)  # as sparse products want them
+            weighted = operators.mass @ rows
+            gram, within = block.T @ weighted, self._turn.T @ (old.T @ weighted)
+            outside = gram - within.T @ within
+            share = (np.diag(outside) / np.diag(gram)).min()
+            turn, least = orthonormalising(outside, _ROUNDING)
+            if share * least > _CANCELLED or last:
+                break
+            block -= combine(old, self.in_vectors(within))
+            if share > _CANCELLED:  # else the turn is rounding itself
+                block = combine(block, turn)
+        images = operators.k_lambda @ rows, operators.k_mu @ rows
         self._projected = [
-            _bordered(projected, old.T @ image, block.T @ image)
+            _grown(projected, self._turn.T @ (old.T @ image), block.T @ image, within, turn)
             for projected, image in zip(self._projected, images, strict=True)
         ]
         self._sketches = [
-            np.concatenate([sketch, _sketched(probes, block)], axis=-1)
+            np.concatenate([sketch, (_sketched(probes, block) - sketch @ within) @ turn], axis=-1)
             for sketch, probes in zip(self._sketches, self._probes, strict=True)
         ]
         self._columns.append(block)
-        self._weighted.append(weighted)
+        beside = -self._turn @ within @ turn
+        self._turn = np.block([[self._turn, beside], [np.zeros((len(turn), self._turn.shape[1])), turn]])
 
 
 def _sketched(probes: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
@@ -148,6 +169,14 @@ def _flat(sketch: np.ndarray) -> np.ndarray:
     return sketch.reshape(*sketch.shape[:2], -1)
 
 
-def _bordered(projected: np.ndarray, side: np.ndarray, corner: np.ndarray) -> np.ndarray:
-    """Return the symmetric matrix with ``projected`` and ``corner`` on the diagonal and ``side`` beside them."""
-    return np.block([[projected, side], [side.T, 0.5 * (corner + corner.T)]])
+def _grown(
+    projected: np.ndarray, side: np.ndarray, corner: np.ndarray, within: np.ndarray, turn: np.ndarray
+) -> np.ndarray:
+    """Return a projected matrix (r, r) on the basis Q with more vectors, ``(B - Q within) turn``.
+
+    ``side`` is its projection onto Q and B, ``corner`` that onto B.
+    """
+    across = side - projected @ within
+    corner = corner - within.T @ across - side.T @ within
+    across, corner = across @ turn, turn.T @ corner @ turn
+    return np.block([[projected, across], [across.T, 0.5 * (corner + corner.T)]])
