@@ -1,8 +1,8 @@
 """A small space of displacements in which the eigenproblem of every Poisson's ratio is solved.
 
-``Reduction`` holds the space, free of rigid motions, and the operators projected onto an M-orthonormal basis of it. That
-basis is never formed: its small matrix of coefficients in the vectors that joined the space says what it is, which
-spares several passes over long vectors for each of them. The space grows by
+``Reduction`` holds the space, free of rigid motions, and the operators projected onto an M-orthonormal basis of it.
+That basis is never formed: a small matrix of coefficients in the vectors that joined the space says what it is, which
+spares several passes over each of these. The space grows by
 corrections: where the Ritz pair ``(ω², u)`` of some ν leaves the residual ``r = K(ν) u - ω² M u``, the vector ``B⁻¹ r``
 joins the space. ``B = K(ν₀) - σM`` is a fixed, factorised matrix, spectrally equivalent to ``K(ν) - σM`` within the
 factor ``(1 - 2ν₀) / (1 - 2ν)``, so near enough to ν₀ a correction costs one solve per mode where solving at ν again
