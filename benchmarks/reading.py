@@ -1,9 +1,10 @@
 """How fast a dataset is read: by field, and as a PyTorch Dataset with 0 and 2 workers.
 
-    .venv-learn/bin/python benchmarks/reading.py results/dataset [--seconds 5] [--workers 0 2]
+    .venv-learn/bin/python benchmarks/reading.py results/dataset [--seconds 5] [--workers 0 2] [--device cuda]
 
 Items are read in a random order, over and over, for so many seconds each, and joined into batches of 16; files are
-warm. The last rows draw fresh materials from the stored basis, which costs a dense solve per item.
+warm. With ``--device`` batches are pinned and moved there. The last rows draw fresh materials from the stored basis,
+which costs a dense solve per item.
 """
 
 from __future__ import annotations
@@ -46,6 +47,7 @@ def main() -> None:
     parser.add_argument("dataset")
     parser.add_argument("--seconds", type=float, default=5.0)
     parser.add_argument("--workers", type=int, nargs="+", default=[0, 2])
+    parser.add_argument("--device", default="cpu")
     arguments = parser.parse_args()
     _fields(arguments.dataset)
     print(
@@ -96,15 +98,24 @@ def _rate(arguments, fields, fresh, workers: int) -> float:
 
     data = vibraverse.dataset.torch_dataset(arguments.dataset, fields, fresh=fresh)
     order = torch.utils.data.RandomSampler(data, replacement=True, num_samples=1_000_000)
-    loader = torch.utils.data.DataLoader(data, batch_size=_BATCH, sampler=order, num_workers=workers)
+    moved = arguments.device != "cpu"
+    loader = torch.utils.data.DataLoader(
+        data, batch_size=_BATCH, sampler=order, num_workers=workers, pin_memory=moved
+    )
     batches = iter(loader)
     for _ in itertools.islice(batches, 4 * max(workers, 1)):  # the workers' start, and what they fetch ahead
         pass
     start = time.perf_counter()
     count = 0
     while time.perf_counter() - start < arguments.seconds:
-        next(batches)
+        batch = next(batches)
+        if moved:
+            for value in batch.values():
+                if isinstance(value, torch.Tensor):
+                    value.to(arguments.device, non_blocking=True)
         count += _BATCH
+    if moved:
+        torch.cuda.synchronize()
     return count / (time.perf_counter() - start)
 
 
