@@ -1,8 +1,7 @@
 # What every rule shares: the plan, the resource classes, the wildcards.
-import gc
 from functools import partial
 
-from vibraverse import preflight, targets
+from vibraverse import many_jobs, preflight, targets
 from vibraverse.containers import image
 from vibraverse.plan import Plan
 from vibraverse.products import text_sha256
@@ -13,10 +12,7 @@ from vibraverse.stages import VERSIONS
 # `vibraverse config show FILE` says is what runs. Single keys of --config go on top of either.
 chosen = workflow.config_settings.overwrite_config if workflow.overwrite_configfiles else config
 
-# Snakemake's plan is millions of small objects that live as long as the run. To look through them for garbage
-# again and again takes a fifth of its time.
-gc.freeze()
-gc.set_threshold(200_000, 50, 1000)
+many_jobs.prepare()
 
 plan = preflight.stop_without(Plan, chosen)
 paths = plan.paths

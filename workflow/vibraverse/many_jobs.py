@@ -1,0 +1,32 @@
+"""What lets Snakemake plan hundreds of thousands of jobs in minutes: less looking at what does not change.
+
+Nothing here changes a plan. Where a version of Snakemake is built otherwise, that part does nothing.
+"""
+
+from __future__ import annotations
+
+import functools
+import gc
+import sys
+
+#: Objects made before the garbage is looked through, and how often older ones are: a plan is millions of small objects
+#: that live as long as the run.
+_THRESHOLDS = 1_000_000, 20, 1000
+#: The function that tells a function's parameters, and the modules that know it by name.
+_ASKED, _ASKING = "get_function_params", ("snakemake.common", "snakemake.rules")
+
+
+def prepare() -> None:
+    """Spare this process, which runs Snakemake, a third of what planning many jobs takes.
+
+    Garbage is looked for less often, and the parameters of a rule's functions are looked up once instead of three times
+    for every resource of every job.
+    """
+    gc.freeze()
+    gc.set_threshold(*_THRESHOLDS)
+    modules = [sys.modules[name] for name in _ASKING if hasattr(sys.modules.get(name), _ASKED)]
+    asked = {getattr(module, _ASKED) for module in modules}
+    if len(asked) == 1 and not hasattr(original := asked.pop(), "cache_info"):
+        remembering = functools.lru_cache(maxsize=1024)(original)
+        for module in modules:
+            setattr(module, _ASKED, remembering)
