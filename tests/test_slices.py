@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 from itertools import chain
@@ -41,6 +42,22 @@ def test_what_is_no_slice_is_one_sentence(text):
 def test_more_slices_than_shards_are_refused():
     with pytest.raises(ConfigError, match=r"^slice: .*dataset.shards is 4; raise it to 5 or more"):
         parse({"slice": "1/5"})
+
+
+def test_a_shard_takes_so_many_objects_at_most():
+    def values(count, shards):
+        return {"sources": {"generated": {"count": count}, "bundled": []}, "dataset": {"shards": shards}}
+
+    with pytest.raises(ConfigError) as caught:
+        Plan(values(5000, 4))
+    assert re.fullmatch(
+        r"dataset.shards: 4 files for 5,000 objects put 1,\d{3} into one, and 1,000 are the most; set it to 50 or so: .*",
+        str(caught.value),
+    )
+    assert max(map(len, Plan(values(5000, 50)).shards.values())) < 200
+    assert len(Plan(values(1000, 1)).objects) == 1000
+    with pytest.raises(ConfigError, match="for 5,000 objects put 1,"):
+        Plan({**values(5000, 4), "slice": "1/2"})
 
 
 def test_the_plans_of_all_slices_are_the_whole_plan():

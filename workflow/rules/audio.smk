@@ -3,8 +3,9 @@
 
 rule audio:
     input:
-        basis=paths.basis,
         modes=paths.modes,
+        # Two edges of every object that a plan without struck points does not need.
+        basis=targets.struck(plan),
     output:
         sounds=directory(paths.sounds),
     log:
@@ -27,8 +28,8 @@ rule audio:
     shell:
         "vibraverse audio "
         "--object {wildcards.object} --solidity {wildcards.solidity} "
-        "--basis {input.basis:q} "
         "--modes {input.modes:q} "
+        f"{targets.struck_argument(plan)} "
         "--sounds {output.sounds:q} "
         "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"

@@ -150,8 +150,9 @@ class Made:
         words = ["vibraverse", self.step.stage, "--object", self.object]
         words += ["--solidity", self.solidity] if self.step.of_body else []
         words += [f"--file={file}" for file in self._file()]
+        stated = self.provenance.get("input_sha256", self.step.inputs)
         for name in self.step.inputs:
-            words += [_option(name), str(self.input(name))]
+            words += [_option(name), str(self.input(name))] if name in stated else []
         for name in self.step.outputs:
             words += [_option(name), str(self.place(name))]
         options = self.provenance.get("options") or {}

@@ -9,9 +9,6 @@ import functools
 import gc
 import sys
 
-#: Objects made before the garbage is looked through, and how often older ones are: a plan is millions of small objects
-#: that live as long as the run.
-_THRESHOLDS = 1_000_000, 20, 1000
 #: The function that tells a function's parameters, and the modules that know it by name.
 _ASKED, _ASKING = "get_function_params", ("snakemake.common", "snakemake.rules")
 
@@ -19,14 +16,20 @@ _ASKED, _ASKING = "get_function_params", ("snakemake.common", "snakemake.rules")
 def prepare() -> None:
     """Spare this process, which runs Snakemake, a third of what planning many jobs takes.
 
-    Garbage is looked for less often, and the parameters of a rule's functions are looked up once instead of three times
-    for every resource of every job.
+    A plan is millions of small objects that live as long as the run, so no garbage is looked for until :func:`planned`;
+    and the parameters of a rule's functions are looked up once instead of three times for every resource of every job.
     """
-    gc.freeze()
-    gc.set_threshold(*_THRESHOLDS)
+    gc.freeze()  # what is imported by now is not looked through at the end, either
+    gc.disable()
     modules = [sys.modules[name] for name in _ASKING if hasattr(sys.modules.get(name), _ASKED)]
     asked = {getattr(module, _ASKED) for module in modules}
     if len(asked) == 1 and not hasattr(original := asked.pop(), "cache_info"):
         remembering = functools.lru_cache(maxsize=1024)(original)
         for module in modules:
             setattr(module, _ASKED, remembering)
+
+
+def planned() -> None:
+    """Say that the plan is made: it is no garbage, and what the run itself leaves is."""
+    gc.freeze()
+    gc.enable()

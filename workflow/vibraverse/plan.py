@@ -23,6 +23,9 @@ _NOT_RECORDED = {
     "report": True,
 }
 
+#: Objects of a shard: as many at most, some 20 GB, and as many as make it a file of 2 GB.
+MOST_IN_A_SHARD, GOOD_IN_A_SHARD = 1000, 100
+
 
 class Plan:
     """The objects of a configuration, or of its slice, and the options of their stages.
@@ -53,6 +56,7 @@ class Plan:
             if mine is None or shard in mine:
                 self.objects[object_] = entry
                 self.shards.setdefault(shard, []).append(object_)
+        self._check_shards(len(entries))
 
     def _check_kept(self, named: str) -> None:
         kept = Path(named).expanduser()
@@ -61,6 +65,15 @@ class Plan:
         if kept.resolve() == Path(self.paths.splits).resolve():
             raise ConfigError(
                 f"dataset.keep_splits: {named} is the table that this run itself writes; copy it and name the copy"
+            )
+
+    def _check_shards(self, objects: int) -> None:
+        most = max(map(len, self.shards.values()), default=0)
+        if most > MOST_IN_A_SHARD:
+            raise ConfigError(
+                f"dataset.shards: {self.config.dataset.shards} files for {objects:,} objects put {most:,} into one, and "
+                f"{MOST_IN_A_SHARD:,} are the most; set it to {-(-objects // GOOD_IN_A_SHARD)} or so: a file is written "
+                f"as a whole, and some {GOOD_IN_A_SHARD} objects are a good size"
             )
 
     def shard_of(self, object_: str) -> str:

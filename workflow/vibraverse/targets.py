@@ -50,6 +50,16 @@ def kept_splits_argument(plan: Plan) -> str:
     return " ".join(f"--kept={quote(path)}" for path in kept_splits(plan))
 
 
+def struck(plan: Plan) -> list[str]:
+    """Return the pattern of what the stage ``audio`` needs for struck points: the basis, where there are any."""
+    return [plan.paths.basis] if plan.config.audio.points else []
+
+
+def struck_argument(plan: Plan) -> str:
+    """Return how that stage is told of it, in the words of a rule's command."""
+    return "--basis {input.basis:q}" if struck(plan) else ""
+
+
 def everything(plan: Plan) -> list[str]:
     """Return what a run makes in the end: a slice makes its shards, every other run the report, verdict and dataset."""
     if plan.owned is not None:

@@ -12,29 +12,26 @@ def run(job: Job) -> None:
 
     from vibraverse.cli import UsageError
     from vibraverse.media import audio
-    from vibraverse.modesfile import read_mode_shapes, read_spectrum, read_surface
-    from vibraverse.physics.impulse import contact, impact_sound
+    from vibraverse.modesfile import read_mode_shapes, read_spectrum
+    from vibraverse.physics.impulse import impact_sound
     from vibraverse.physics.materials import sampled_name
 
     options = job.options
     record = {}
-    with h5py.File(job.inputs["modes"]) as modes, h5py.File(job.inputs["basis"]) as basis:
+    with h5py.File(job.inputs["modes"]) as modes:
         sampled = len(modes["sampled/poisson"]) if "sampled" in modes else 0
         materials = [*modes["materials"], *map(sampled_name, range(sampled))]
-        contacts = [
-            contact(basis["surface/vertices"], basis["surface/faces"], point) for point in options.points
-        ]
-        moving = [read_surface(basis, struck.corners) for struck in contacts]
+        strikes = _strikes(job)
         if options.sampled > sampled:
             raise UsageError(
                 f"audio.sampled is {options.sampled}, and the modes are of {sampled} sampled materials"
             )
         for name in options.names(modes["materials"]):
             material, point = split_sound(name, materials)
-            struck = None if point is None else contacts[point]
-            weights = None
-            if struck is not None:
-                weights = struck.weights(read_mode_shapes(modes, moving[point], material, struck.corners))
+            struck, weights = None, None
+            if point is not None:
+                struck, moving = strikes[point]
+                weights = struck.weights(read_mode_shapes(modes, moving, material, struck.corners))
             sound = impact_sound(
                 *read_spectrum(modes, material),
                 options.sample_rate_hz,
@@ -68,11 +65,31 @@ def run(job: Job) -> None:
     )
 
 
+def _strikes(job: Job) -> list[tuple]:
+    """Return every struck point and how the surface moves there."""
+    import h5py
+
+    from vibraverse.cli import UsageError
+    from vibraverse.modesfile import read_surface
+    from vibraverse.physics.impulse import contact
+
+    if not job.options.points:
+        return []
+    if "basis" not in job.inputs:
+        raise UsageError(
+            "audio: struck points lie on the surface of the basis; name it with --basis basis.h5"
+        )
+    with h5py.File(job.inputs["basis"]) as basis:
+        surface = basis["surface/vertices"][()], basis["surface/faces"][()]
+        struck = [contact(*surface, point) for point in job.options.points]
+        return [(each, read_surface(basis, each.corners)) for each in struck]
+
+
 STAGE = Stage(
     name="audio",
     help="render the impact sounds",
     inputs={
-        "basis": "basis.h5, for the surface that is struck",
+        "basis": "basis.h5: the surface that is struck, where points are",
         "modes": "modes.h5: frequencies and damping of every material",
     },
     outputs={
@@ -80,6 +97,7 @@ STAGE = Stage(
     },
     run=run,
     options=Audio,
+    optional=frozenset({"basis"}),
     folders={"sounds": "audio.json"},
     libraries=("numpy", "scipy", "h5py", "soundfile"),
     per_solidity=True,
