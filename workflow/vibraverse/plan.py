@@ -71,9 +71,9 @@ class Plan:
         most = max(map(len, self.shards.values()), default=0)
         if most > MOST_IN_A_SHARD:
             raise ConfigError(
-                f"dataset.shards: {self.config.dataset.shards} files for {objects:,} objects put {most:,} into one, and "
-                f"{MOST_IN_A_SHARD:,} are the most; set it to {-(-objects // GOOD_IN_A_SHARD)} or so: a file is written "
-                f"as a whole, and some {GOOD_IN_A_SHARD} objects are a good size"
+                f"dataset.shards: {self.config.dataset.shards} files for {objects:,} objects put {most:,} into one, "
+                f"and {MOST_IN_A_SHARD:,} are the most; set it to {-(-objects // GOOD_IN_A_SHARD)} or so: a file is "
+                f"written as a whole, and some {GOOD_IN_A_SHARD} objects are a good size"
             )
 
     def shard_of(self, object_: str) -> str:
