@@ -40,6 +40,16 @@ def finished(tmp_path_factory, root):
     return run
 
 
+@pytest.fixture(scope="session")
+def report_page(tmp_path_factory) -> Path:
+    """The page of a small dataset of made-up products. Tests leave its folder as it is."""
+    import make_products
+
+    results = tmp_path_factory.mktemp("report") / "results"
+    make_products.build(results)
+    return make_products.report(results, title="Things that ring")
+
+
 @pytest.fixture
 def vibraverse(capfd, monkeypatch):
     """Run the command line in this process: ``vibraverse("clean", …)`` returns (exit status, output, errors)."""

@@ -112,6 +112,11 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             "37 km/s and nowhere exceeds 35; check both units",
         ),
         (
+            {"materials": {"own": {**OWN, "density_kg_m3": 7850, "young_pa": 200_000}}},
+            "materials.own: density_kg_m3 7850 and young_pa 200000 are not of one solid, sound would travel at 5.0 m/s "
+            "and is faster than 12 in all that is so dense; 200000 MPa is written 2.0e+11",
+        ),
+        (
             {"sampled": {"young_pa": [0.5, 5e11]}},
             "sampled.young_pa[0]: 0.5 Pa is softer than any solid; 0.5 GPa is written 5.0e+08",
         ),
@@ -268,7 +273,8 @@ def test_the_form_that_is_advised_for_materials_is_taken(tmp_path):
 def test_no_real_solid_is_refused():
     pairs = {
         "aerogel": (2, 1e3), "melamine-foam": (6, 1e5), "balsa": (60, 1.5e9), "jelly": (1050, 2e3),
-        "rubber": (930, 1e6), "osmium": (22_590, 5.5e11), "diamond": (3510, 1.22e12), "beryllium": (1848, 2.87e11),
+        "rubber": (930, 1e6), "tungsten-silicone": (11_000, 2.5e6), "lead": (11_340, 1.4e10),
+        "osmium": (22_590, 5.5e11), "diamond": (3510, 1.22e12), "beryllium": (1848, 2.87e11),
         "carbon-fibre": (2200, 9.3e11), "nanotube": (1400, 1e12), "sampled": (500, 5e11),
     }  # fmt: skip
     values = {name: {**OWN, "density_kg_m3": one[0], "young_pa": one[1]} for name, one in pairs.items()}

@@ -1,25 +1,16 @@
-"""The report: opens from disk, shows, plays and lists everything, and asks nothing of a network."""
+"""The report in a browser: opens from disk, shows, plays and lists everything, and asks nothing of a network."""
 
 from __future__ import annotations
 
-import io
 import json
-import re
 import shlex
 import shutil
-from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import soundfile
-from PIL import Image
 
 import make_products
-from vibraverse import products
-from vibraverse.geometry.cautions import cautions, kind_of
-from vibraverse.report import content, quantities, render
-from vibraverse.stages.report import write_assets
 
 CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
 FLAGS = (
@@ -37,14 +28,7 @@ FLAGS = (
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory) -> Path:
-    results = tmp_path_factory.mktemp("report") / "results"
-    make_products.build(results)
-    return make_products.report(results, title="Things that ring")
-
-
-@pytest.fixture(scope="module")
-def browser(page, tmp_path_factory):
+def browser(report_page, tmp_path_factory):
     if not (CHROMIUM and DRIVER):
         pytest.skip("Chromium and its driver are not installed (apt-get install chromium chromium-driver)")
     from selenium import webdriver
@@ -59,7 +43,7 @@ def browser(page, tmp_path_factory):
     driver.set_script_timeout(20)
     driver.get("about:blank")
     driver.get_log("performance")  # what the browser's own start page asked for
-    driver.get(page.as_uri())
+    driver.get(report_page.as_uri())
     yield driver
     driver.quit()
 
@@ -84,7 +68,7 @@ def test_every_picture_loads(browser):
     assert [source for source, width in sizes if width == 0] == []
 
 
-def test_every_sound_loads_with_its_length_and_plays(browser, page):
+def test_every_sound_loads_with_its_length_and_plays(browser, report_page):
     heard = run(
         browser,
         """
@@ -194,14 +178,14 @@ def test_refusals_are_listed_with_reason_and_advice(browser):
     assert notice.startswith("No hollow body (refused at hollow). The wall of ball-0000 would be too thin.")
 
 
-def test_the_advised_command_names_the_folder_that_the_page_lies_in(browser, page, tmp_path):
-    assert "vibraverse refusals --results RESULTS --retry" in page.read_text(encoding="utf-8")
-    for report in (page.parent, shutil.copytree(page.parent, tmp_path / "it's mine/report")):
-        browser.get((report / page.name).as_uri())
+def test_the_advised_command_names_the_folder_that_the_page_lies_in(browser, report_page, tmp_path):
+    assert "vibraverse refusals --results RESULTS --retry" in report_page.read_text(encoding="utf-8")
+    for report in (report_page.parent, shutil.copytree(report_page.parent, tmp_path / "it's mine/report")):
+        browser.get((report / report_page.name).as_uri())
         words = ["vibraverse", "refusals", "--results", str(report.parent), "--retry"]
         assert browser.find_element("id", "retry").text == shlex.join(words)
         assert not browser.find_element("id", "where").is_displayed()
-    browser.get(page.as_uri())
+    browser.get(report_page.as_uri())
 
 
 def test_filters(browser):
@@ -263,185 +247,3 @@ def test_no_request_leaves_the_disk_and_no_error_is_logged(browser):
     assert len(asked) > 20
     assert [url for url in asked if not url.startswith(("file://", "data:"))] == []
     assert browser.get_log("browser") == []
-
-
-def test_the_page_names_nothing_outside_its_folder(page):
-    text = page.read_text(encoding="utf-8")
-    assert not re.search(r"https?://", text)
-    assert str(page.parents[1]) not in text
-    for name in re.findall(r'(?:src|href)="(assets/[^"]+)"', text):
-        assert (page.parent / name).is_file(), name
-    assert "<title>Things that ring</title>" in text
-
-
-def test_an_empty_split_is_said(page):
-    text = page.read_text(encoding="utf-8")
-    assert re.search(
-        r"<strong>Empty split</strong> The splits? [a-z ]+ holds? no object: take more objects", text
-    )
-
-
-def test_same_dataset_same_bytes(page):
-    before = {path: products.sha256(path) for path in page.parent.rglob("*") if path.is_file()}
-    make_products.report(page.parents[1], title="Things that ring")
-    assert {path: products.sha256(path) for path in page.parent.rglob("*") if path.is_file()} == before
-
-
-def test_objects_beyond_the_limit_are_counted(page, tmp_path):
-    shutil.copytree(page.parents[1] / "dataset", tmp_path / "dataset")
-    text = make_products.report(tmp_path, max_objects=1).read_text(encoding="utf-8")
-    assert 'id="ball-0000"' in text
-    assert 'id="bar-0000"' not in text
-    assert "1 more object is in the dataset" in text
-
-
-def test_a_silent_sound_says_why(page, tmp_path):
-    shutil.copytree(page.parents[1] / "dataset", tmp_path / "dataset")
-    with h5py.File(tmp_path / "dataset/shards/1.h5", "r+") as h5:
-        h5["objects/bar-0000/solid/sounds/steel"][...] = 0.0
-    text = make_products.report(tmp_path).read_text(encoding="utf-8")
-    assert text.count("silent: no mode rings below 22.1\u202fkHz") == 1
-    assert 'aria-label="Play steel, solid" disabled>' in text
-
-
-def test_sounds_that_are_not_shown_are_counted_apart(page, tmp_path):
-    shutil.copytree(page.parents[1] / "dataset", tmp_path / "dataset")
-    shards = sorted((tmp_path / "dataset/shards").glob("*.h5"))
-    with h5py.File(shards[1], "r+") as h5:
-        sounds = h5["objects/bar-0000/solid/sounds"]
-        for number in range(2):
-            sounds.copy("steel", f"sampled-000{number}")
-    make_products.index(tmp_path, shards)
-    counts = products.read_json(tmp_path / "dataset/dataset.json")["counts"]
-    assert (counts["sounds"], counts["sampled_sounds"]) == (14, 2)
-    text = make_products.report(tmp_path).read_text(encoding="utf-8")
-    assert text.count('<div class="player ') == 12
-    assert "<br>12 sounds.</h1>" in text
-    assert "<dt>sounds</dt><dd>12</dd>" in text
-    assert "2 more sounds, of sampled materials, are in the dataset and not on this page" in text
-    assert "sampled materials, are" not in page.read_text(encoding="utf-8")
-
-
-def test_warnings_about_meshes_are_counted_and_listed(page, tmp_path, vibraverse):
-    table = {"layers": {"thin_share": 0.5, "median": 0.9}, "slivers": 3}
-    said = cautions(table, 9000, 5000)
-    assert [kind_of(sentence) for sentence in said] == ["thin_walls", "many_elements", "slivers"]
-    assert not cautions({"layers": {"thin_share": 0.0, "median": 3}, "slivers": 0}, 5000, 5000)
-    paths = make_products.make(tmp_path)
-    for object_id, solidity, found in (
-        ("ball-0000", "solid", said),
-        ("bar-0000", "hollow", [*said[2:], *["What no version says."] * 25]),
-    ):
-        record = Path(paths.at(paths.tets_record, object=object_id, solidity=solidity))
-        products.write_json(record, {**products.read_json(record), "warnings": found})
-    make_products.index(tmp_path, make_products.pack(tmp_path))
-    stated = products.read_json(paths.dataset_record)["warnings_by_kind"]
-    assert stated == {"many_elements": 1, "other": 25, "slivers": 2, "thin_walls": 1}
-    text = make_products.report(tmp_path).read_text(encoding="utf-8")
-    section = text.partition('<section id="warnings">')[2].partition("</section>")[0]
-    assert "2 of 3 meshes carry warnings" in section
-    assert section.count("What no version says.") == 20
-    assert "… and 5 more" in section
-    assert '<h3>Some tetrahedra are nearly flat <span class="count">2</span></h3>' in section
-    assert section.count(said[2]) == 2
-    assert '<a href="#warnings">2</a>' in text
-    assert 'id="warnings"' not in page.read_text(encoding="utf-8")
-    status, out, _ = vibraverse("refusals", "--record", paths.dataset_record)
-    assert status == 0
-    assert "Warnings about meshes: 1 of many elements, 25 of other, 2 of slivers, 1 of thin walls" in out
-
-
-def test_a_dataset_of_refusals_alone_has_a_page(tmp_path):
-    make_products.make(tmp_path, objects=("leaf",))
-    make_products.index(tmp_path, make_products.pack(tmp_path, groups=(("leaf",),)))
-    text = make_products.report(tmp_path).read_text(encoding="utf-8")
-    assert "No object made it to the dataset." in text
-    assert "leaf.obj is flat" in text
-
-
-def test_texts_from_files_cannot_break_the_page():
-    nasty = "</script><script>alert(1)</script>"
-    record = {
-        "counts": dict.fromkeys(
-            ("objects", "bodies", "sounds", "sampled_sounds", "refused_objects", "refused_bodies"), 1
-        ),
-        "materials": {
-            nasty: dict.fromkeys(("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s"), 1.0)
-        },
-        "objects_by_split": {},
-        "shards": {},
-        "made_by": {},
-        "ranges": {},
-    }
-    refusal = {
-        "object": nasty,
-        "solidity": "",
-        "stage": "clean",
-        "reason": "empty",
-        "message": nasty,
-        "advice": nasty,
-    }
-    text = render.html("<b>", record, [refusal], [], "assets/x")
-    assert nasty not in text
-    assert "<b>" not in text.split("<body>")[0]
-
-
-def test_assets_replace_those_of_an_earlier_page(tmp_path):
-    first = write_assets(tmp_path, {"a/b.txt": b"1"})
-    assert write_assets(tmp_path, {"a/b.txt": b"1"}) == first
-    (tmp_path / ".1.partial").mkdir()
-    second = write_assets(tmp_path, {"a/b.txt": b"2"})
-    assert first != second
-    assert [path.name for path in tmp_path.iterdir()] == [second]
-    assert (tmp_path / second / "a/b.txt").read_bytes() == b"2"
-
-
-def test_spectrogram_shows_the_tone_where_it_is():
-    rate = 44_100
-    time = np.arange(rate) / rate
-    tone = np.exp(-3 * time) * np.sin(2 * np.pi * 4000 * time)
-    picture = np.asarray(Image.open(io.BytesIO(content.spectrogram(tone, rate))))
-    height = content.marks(rate)["4 k"]
-    brightest = picture.astype(int).mean(axis=1).argmax()
-    assert 100 * (1 - brightest / len(picture)) == pytest.approx(height, abs=2)
-    assert list(content.marks(16_000)) == ["1 k", "4 k"]
-
-
-def test_flac_keeps_16_bits():
-    samples = np.random.default_rng(1).uniform(-0.9, 0.9, 5000).astype(np.float32)
-    data = content.flac(samples, 44_100)
-    back, rate = soundfile.read(io.BytesIO(data))
-    assert rate == 44_100
-    assert np.abs(back - samples).max() <= 1 / 2**15
-    assert content.flac(samples, 44_100) == data
-
-
-@pytest.mark.parametrize(
-    ("function", "value", "text"),
-    [
-        (quantities.length, 0.18, "18 cm"),
-        (quantities.length, 0.0042, "4.2 mm"),
-        (quantities.length, 1.25, "1.25 m"),
-        (quantities.volume, 2.16e-4, "216 cm³"),
-        (quantities.volume, 2.95e-3, "2.95 L"),
-        (quantities.volume, 4e-9, "4 mm³"),
-        (quantities.mass, 0.5832, "583 g"),
-        (quantities.mass, 23.16, "23.2 kg"),
-        (quantities.frequency, 2717.0, "2,720 Hz"),
-        (quantities.frequency, 25029.0, "25 kHz"),
-        (quantities.duration, 0.3927, "393 ms"),
-        (quantities.duration, 1.0334, "1.03 s"),
-        (quantities.file_size, 862_315, "862 kB"),
-        (quantities.number, 0, "0"),
-        (quantities.number, 1_234_567, "1,230,000"),
-        (quantities.number, 0.999999, "1"),
-    ],
-)
-def test_quantities(function, value, text):
-    assert function(value).replace("\u202f", " ") == text
-
-
-def test_axis_ticks():
-    assert render.ticks(90, 2100) == [100, 200, 500, 1000, 2000]
-    low, high = render.axis(100.0, 10_000.0)
-    assert low < 100 < 10_000 < high

@@ -35,7 +35,8 @@ class Material(Section):
     """Density in kg/m³, 1 to 25,000."""
 
     young_pa: Young
-    """Young's modulus in Pa, 1e3 to 1.5e12; with the density it may mean no more than 35 km/s of speed of sound."""
+    """Young's modulus in Pa, 1e3 to 1.5e12; with the density it may mean no more than 35 km/s of speed of sound, and
+    in what is denser than 2000 no less than 12 m/s."""
 
     poisson: Poisson
     """Poisson's ratio."""

@@ -15,6 +15,9 @@ YOUNG_PA = (1e3, 1.5e12)
 #: Speed of sound ``√(E/ρ)`` in a thin bar in m/s: carbon nanotubes reach 22,000, theory allows 36,000, and
 #: the default ranges of sampled materials contain 31,600.
 FASTEST_M_S = 35_000.0
+#: The least such speed in what is denser than this: silicone full of tungsten has 15 m/s, metals and ceramics whose MPa
+#: were taken for Pa have 1 to 12.
+DENSE_KG_M3, SLOWEST_DENSE_M_S = 2000.0, 12.0
 #: Longest side in metres.
 SIZE_M = (1e-3, 50.0)
 
@@ -44,6 +47,12 @@ def young_mistake(young_pa: float) -> str:
 def pair_mistake(density_kg_m3: float, young_pa: float) -> str:
     """Return why density and Young's modulus cannot be those of one solid; empty when they can."""
     speed_m_s = math.sqrt(young_pa / density_kg_m3)
+    if density_kg_m3 > DENSE_KG_M3 and speed_m_s < SLOWEST_DENSE_M_S:
+        meant = _meant(young_pa, "MPa", 1e6, YOUNG_PA) or "check both units"
+        return (
+            f"density_kg_m3 {density_kg_m3:g} and young_pa {young_pa:g} are not of one solid, sound would travel at "
+            f"{speed_m_s:.1f} m/s and is faster than {SLOWEST_DENSE_M_S:g} in all that is so dense; {meant}"
+        )
     if speed_m_s <= FASTEST_M_S:
         return ""
     lightest = young_pa / FASTEST_M_S**2
