@@ -3,8 +3,8 @@
 
 rule audio:
     input:
-        modes=paths.modes,
         **targets.struck(plan),
+        modes=paths.modes,
     output:
         sounds=directory(paths.sounds),
     log:
