@@ -248,7 +248,7 @@ class _Strike:
         audio = Audio(points=points)
         name = audio.names([self.material_name])[-1]
         self.options["audio"] = audio
-        self._stage("audio", {"modes": at(p.modes)}, {"sounds": at(p.sounds)})
+        self._stage("audio", {"basis": at(p.basis), "modes": at(p.modes)}, {"sounds": at(p.sounds)})
         rendered = products.read_json(at(p.audio_record))["sounds"][name]
         facts = self._facts(at(p.modes), clean, products.read_json(at(p.tets_record)), rendered)
         return facts, at(p.sounds) / f"{name}.wav"
