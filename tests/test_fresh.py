@@ -125,9 +125,28 @@ def test_an_item_depends_on_seed_epoch_and_body_alone(folder):
         assert other["young_pa"] != same["young_pa"]
 
 
+def test_mode_shapes_are_those_of_the_material_and_size_drawn(folder):
+    fields = (*FIELDS, "mode_coefficients", "mode_shapes")
+    item = vibraverse.dataset.fresh_materials(folder, fields)[1]
+    with vibraverse.dataset.open(folder) as reader:
+        place = item["object"], item["solidity"]
+        stored = reader.read("mode_shapes", *place, "steel")
+        surface, corrections = reader.surface(*place)
+        scale_m = float(reader.read("scale_m", *place))
+        density = float(reader.read("density_kg_m3", *place, "steel"))
+    every = np.concatenate([surface, corrections], axis=2)[:, :, : item["mode_coefficients"].shape[1]]
+    expected = np.einsum("mq,vdq->mvd", item["mode_coefficients"], every)
+    assert item["mode_shapes"] == pytest.approx(expected, rel=1e-4, abs=1e-5 * float(np.abs(expected).max()))
+    # All modes of these products keep their shape in every material, so only the mass makes a difference.
+    mass = (item["density_kg_m3"] * (item["size_m"] / 1.8) ** 3) / (density * scale_m**3)
+    assert np.abs(item["mode_shapes"]) == pytest.approx(
+        np.abs(stored) / np.sqrt(mass), rel=1e-3, abs=1e-3 * float(np.abs(stored).max() / np.sqrt(mass))
+    )
+
+
 def test_what_cannot_be_drawn_is_said(folder):
-    with pytest.raises(KeyError, match="a fresh material has no mode_shapes"):
-        vibraverse.dataset.fresh_materials(folder, ["mode_shapes"])
+    with pytest.raises(KeyError, match="a fresh material has no sound"):
+        vibraverse.dataset.fresh_materials(folder, ["sound"])
     fresh = vibraverse.dataset.fresh_materials(folder, FIELDS, settings={"ranges": {"poisson": (0.1, 0.45)}})
     with pytest.raises(ValueError, match=r"holds for Poisson's ratios 0\.1 to 0\.4, not 0\.1 to 0\.45"):
         fresh[0]

@@ -18,6 +18,7 @@ from vibraverse.dataset.reader import Reader
 from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.physics.materials import drawn
 from vibraverse.physics.modes import solve_material
+from vibraverse.physics.shapes import mode_shapes
 from vibraverse.seeds import rng
 from vibraverse.texts import unknown
 
@@ -27,6 +28,7 @@ FRESH = "fresh"
 COMPUTED = (
     "size_m", "scale_m", "volume_m3", "density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s", "mass_kg",
     "frequencies_hz", "damping_per_s", "damped_frequencies_hz", "relative_error", "discretisation_error",
+    "mode_coefficients", "mode_shapes",
 )  # fmt: skip
 
 
@@ -94,6 +96,10 @@ class FreshItems:
         scale_m = size_m / LONGEST_SIDE
         modes = solve_material(basis, material, scale_m, len(basis.residuals), self._corrected)
         computed = {name: getattr(modes, name) for name in COMPUTED if hasattr(modes, name)}
+        computed["mode_coefficients"] = modes.coefficients.astype(np.float32)
+        if "mode_shapes" in self.reader.fields:
+            surface = self.reader.surface(object, solidity)
+            computed["mode_shapes"] = mode_shapes(*surface, computed["mode_coefficients"])
         size = {"size_m": size_m, "scale_m": scale_m, "volume_m3": basis.volume * scale_m**3}
         return {name: np.asarray(value)[()] for name, value in {**size, **material, **computed}.items()}
 

@@ -171,6 +171,10 @@ class Reader:
             return value.asstr()[()]
         return _decode(value) if spec.dtype == "png" else value[()]
 
+    def surface(self, object: str, solidity: str = "solid") -> tuple[np.ndarray, np.ndarray]:
+        """Return how a body's surface moves: its modal basis (V, 3, r) and the corrections (V, 3, c) there."""
+        return self._shapes.surface(self.group(object)[solidity], (object, solidity))
+
     def _refused(self, object: str, solidity: str) -> str:
         """Return the sentence for an object that was refused, or its body of that solidity; empty where neither was."""
         for row in self.refusals:

@@ -15,11 +15,12 @@ class Shapes:
     def __init__(self):
         self._key, self._surface = None, None
 
-    def read(self, body, key, material: str):
-        """Return the mode shapes (m, V, 3) of a named material; ``body`` is the HDF5 group that ``key`` stands for.
-
-        Raises :class:`KeyError` where there is no such material.
-        """
+    def surface(self, body, key) -> tuple:
+        """Return basis and corrections on the surface; ``body`` is the HDF5 group that ``key`` stands for."""
         if self._key != key:
             self._key, self._surface = key, read_surface(body["basis"])
-        return read_mode_shapes(body, self._surface, material)
+        return self._surface
+
+    def read(self, body, key, material: str):
+        """Return the mode shapes (m, V, 3) of a named material. Raises :class:`KeyError` where there is no such one."""
+        return read_mode_shapes(body, self.surface(body, key), material)
