@@ -14,7 +14,7 @@ from vibraverse.config.media import Audio, split_sound
 from vibraverse.media.audio import PEAK_DBFS, wav_bytes
 from vibraverse.media.spectrogram import FLOOR_DB, mel, mel_levels
 from vibraverse.physics.impulse import impact_sound
-from vibraverse.products import sha256
+from vibraverse.products import sha256, write_provenance
 from vibraverse.refusal import Refusal, read_refusal
 
 FREQUENCIES = {"ceramic": [900.0, 2100.0, 5300.0, 40_000.0], "rubber-p1": [200.0, 450.0, 900.0, 1500.0]}
@@ -36,6 +36,7 @@ def modes(tmp_path):
         file["surface/basis"] = shapes[:3].transpose(1, 2, 0)
         file["correction/surface"] = 2 * shapes[3:].transpose(1, 2, 0)
     with h5py.File(path, "w") as file:
+        write_provenance(file, {"stage": "modes"})
         for name, frequencies in FREQUENCIES.items():
             group = file.create_group(f"materials/{name}")
             group["frequencies_hz"] = frequencies
@@ -83,7 +84,7 @@ def test_writes_the_sounds_of_every_material(vibraverse, modes):
 
 
 def test_strikes_points(vibraverse, modes):
-    status, errors, folder = render(vibraverse, modes, '{"points": [[0.2, 0.2, -3]]}')
+    status, errors, folder = render(vibraverse, modes, '{"points": [[0.2, 0.2, -1]]}')
     assert status == 0, errors
     for name, frequencies in FREQUENCIES.items():
         entry = json.loads((folder / "audio.json").read_text())["sounds"][f"{name}-p0"]
@@ -92,6 +93,37 @@ def test_strikes_points(vibraverse, modes):
         stored, _ = soundfile.read(folder / f"{name}-p0.wav")
         physical = impact_sound(frequencies, DAMPING[name], 44_100, weights=[1, 2, 3, 4]).samples
         np.testing.assert_allclose(stored / entry["gain"], physical, atol=2**-23 / entry["gain"])
+
+
+def test_struck_points_need_the_basis_of_the_modes(vibraverse, modes):
+    points = '{"points": [[0.2, 0.2, -1]]}'
+    command = (
+        "audio",
+        "--object",
+        "x",
+        "--solidity",
+        "solid",
+        "--modes",
+        modes,
+        "--sounds",
+        modes.parent / "sounds",
+    )
+    status, _, errors = vibraverse(*command, "--options", points)
+    assert status == 2
+    assert errors.splitlines()[-1].endswith("lie on the surface of the basis; name it with --basis basis.h5")
+    assert vibraverse(*command)[0] == 0
+    with h5py.File(modes, "r+") as file:
+        write_provenance(
+            file, {"stage": "modes", "input_sha256": {"basis": sha256(modes.parent / "basis.h5")}}
+        )
+    assert render(vibraverse, modes, points)[0] == 0
+    before = names(modes.parent / "sounds")
+    with h5py.File(modes.parent / "basis.h5", "r+") as file:
+        file["surface/vertices"][0] = 0.1
+    status, errors, folder = render(vibraverse, modes, points)
+    assert status == 2
+    assert f"basis.h5 is not the basis that {modes} was made from" in errors
+    assert names(folder) == before
 
 
 def test_repeats_to_the_byte(vibraverse, modes):
@@ -104,7 +136,7 @@ def test_repeats_to_the_byte(vibraverse, modes):
 
 
 def test_replaces_the_folder_as_a_whole(vibraverse, modes):
-    render(vibraverse, modes, '{"points": [[0.2, 0.2, -3]]}')
+    render(vibraverse, modes, '{"points": [[0.2, 0.2, -1]]}')
     _, _, folder = render(vibraverse, modes)
     (folder / ".snakemake_timestamp").touch()  # as Snakemake leaves it there
     status, errors, _ = render(vibraverse, modes)

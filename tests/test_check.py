@@ -365,6 +365,29 @@ def test_an_older_schema_is_one_sentence(dataset, vibraverse, tmp_path):
     assert not any((tmp_path / name).exists() for name in ("index", "parquet", "record", "sums"))
 
 
+def test_what_is_no_shard_is_no_dataset(dataset, tmp_path, vibraverse):
+    strange = tmp_path / "other.h5"
+    with h5py.File(strange, "w") as h5:
+        h5["x"] = 1
+    table = dataset / "index.tsv"
+    for path, sentence in (
+        (strange, "this is not a shard: its attribute 'format' is not 'vibraverse-shard'"),
+        (table, "HDF5 cannot open it"),
+    ):
+        status, out, errors = vibraverse("check", path)
+        assert (status, out) == (2, "")
+        assert errors.splitlines()[-1].startswith(f"vibraverse: {path} is no shard of a dataset: {sentence}")
+    shutil.move(dataset, tmp_path / "results/dataset")
+    status, _, errors = vibraverse("check", tmp_path / "results")
+    assert status == 2
+    assert errors.strip().endswith(f"; there is one in {tmp_path / 'results/dataset'}")
+    shard = tmp_path / "results/dataset/shards/1.h5"
+    shard.write_bytes(b"broken" + shard.read_bytes()[6:])
+    status, out, _ = vibraverse("check", shard)
+    assert status == 1
+    assert "1 finding; " in out
+
+
 def test_no_dataset_is_one_sentence(tmp_path, vibraverse):
     status, _, errors = vibraverse("check", tmp_path)
     assert status == 2

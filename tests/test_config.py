@@ -181,6 +181,7 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         ({"dataset": {"shards": "four"}}, 'dataset.shards must be a whole number, not "four"'),
         ({"dataset": {"shards": 2.5}}, "dataset.shards must be a whole number, not 2.5"),
         ({"dataset": {"shards": 0}}, "dataset.shards must be at least 1, not 0"),
+        ({"audio": {"points": [[0, 0, 0.9], [15, 0, 0]]}}, "audio.points[1][0] must be at most 1, not 15"),
         ({"dataset": {"max_refused_share": 1.5}}, "dataset.max_refused_share must be at most 1, not 1.5"),
         ({"dataset": {"splits": {"a": 0.5}}}, "dataset.splits: the shares must add up to 1, not 0.5"),
         (

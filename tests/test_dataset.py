@@ -204,7 +204,7 @@ def test_wrong_names_are_said_with_the_nearest_right_one(reader, results):
         vibraverse.dataset.open(results / "dataset", fields=["nonsense"])
     with pytest.raises(KeyError, match="unknown object 'bar-0001'; did you mean 'bar-0000'"):
         reader.read("occupancy", "bar-0001")
-    with pytest.raises(KeyError, match="'ball-0000' holds no frequencies_hz at 'solid/materials/tin"):
+    with pytest.raises(KeyError, match=r"unknown material 'tin' \(known: ceramic, glass, steel, wood"):
         reader.read("frequencies_hz", "ball-0000", "solid", "tin")
     with pytest.raises(FileNotFoundError, match="holds no finished dataset"):
         vibraverse.dataset.open(results)
@@ -304,6 +304,30 @@ def test_handles_are_each_process_s_own(reader):
     assert os.waitpid(child, 0)[1] == 0
     reader.close()
     np.testing.assert_array_equal(reader.read("frequencies_hz", "bar-0000", "solid", "wood"), expected)
+
+
+@pytest.mark.parametrize(
+    ("field", "names", "sentence"),
+    [
+        ("mode_shapes", {}, "unknown material '' (known: "),
+        ("frequencies_hz", {"material": "brass"}, "unknown material 'brass'; did you mean 'glass'? (known: ceramic, "),
+        (
+            "sound",
+            {"material": "steel", "sound": "steel-p7"},
+            "unknown sound 'steel-p7'; did you mean 'steel'?",
+        ),
+        ("views", {"look": "gold"}, "unknown look 'gold'; did you mean 'wood'? (known: ceramic, "),
+        ("boundary_faces", {"object": "bar-0000"}, ""),
+    ],
+)
+def test_names_that_an_object_does_not_have_are_listed(reader, field, names, sentence):
+    place = {"object": "bar-0000", **names}
+    if not sentence:
+        assert len(reader.read(field, **place))
+        return
+    with pytest.raises(KeyError) as caught:
+        reader.read(field, **place)
+    assert str(caught.value.args[0]).startswith(sentence)
 
 
 def test_reading_needs_only_numpy_and_h5py(results):

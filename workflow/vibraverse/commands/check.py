@@ -44,7 +44,9 @@ def main(argv: list[str]) -> int:
     if wrong > _SHOWN:
         print(f"… and {wrong - _SHOWN} more")
     if wrong:
-        print(f"{chosen.dataset}: {wrong} findings; {_repair(chosen.dataset)} says what to make again.")
+        print(
+            f"{chosen.dataset}: {wrong} finding{'s' * (wrong > 1)}; {_repair(chosen.dataset)} says what to make again."
+        )
         return 1
     share_made = f"{chosen.sample:.0%} of its items made again" if chosen.sample else "nothing made again"
     print(f"{chosen.dataset} is as it was written, and agrees with itself ({share_made}).")

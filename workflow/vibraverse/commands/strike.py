@@ -23,6 +23,7 @@ from vibraverse.config.geometry import Hollow, Tets
 from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
+from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.refusal import Refused, read_refusal
@@ -245,6 +246,12 @@ class _Strike:
         points = []
         if self.point is not None:
             points = [[(x - c) * clean["scale"] for x, c in zip(self.point, clean["centre"], strict=True)]]
+            if max(map(abs, points[0])) > 1:
+                place, centre = (" ".join(f"{x:g}" for x in xs) for xs in (self.point, clean["centre"]))
+                raise UsageError(
+                    f"--point {place} is not on the mesh, which is {LONGEST_SIDE / clean['scale']:g} long around "
+                    f"{centre} in the coordinates of its file"
+                )
         audio = Audio(points=points)
         name = audio.names([self.material_name])[-1]
         self.options["audio"] = audio

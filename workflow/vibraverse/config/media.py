@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, NonNegativeInt, PositiveFloat, field_validator
 
 from vibraverse.config.base import Section
 from vibraverse.physics.materials import sampled_name
+
+_Normalised = Annotated[float, Field(ge=-1, le=1)]
 
 
 class Audio(Section):
@@ -25,8 +27,8 @@ class Audio(Section):
     max_s: float = Field(4.0, gt=0, le=60)
     """… or after this many seconds."""
 
-    points: list[tuple[float, float, float]] = Field(default_factory=list)
-    """Struck points in normalised coordinates; for each, one more sound per material. Empty: only the
+    points: list[tuple[_Normalised, _Normalised, _Normalised]] = Field(default_factory=list)
+    """Struck points in normalised coordinates, -1 to 1; for each, one more sound per material. Empty: only the
     location-invariant sound."""
 
     sampled: NonNegativeInt = 0

@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 from vibraverse import products
 from vibraverse.dataset.chain import shards_in
-from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
+from vibraverse.dataset.schema import INDEX_COLUMNS, NO_SHARD, REFUSAL_COLUMNS
 from vibraverse.dataset.tables import to_tsv
 from vibraverse.limits import run_limited
 from vibraverse.refusal import Refused, said
@@ -50,11 +50,15 @@ def findings(path: str | Path, share: float = 0.0) -> Iterator[Finding]:
     """
     path = Path(path)
     if path.is_file():
-        yield from _shard(path, path.name, share, trusted=False)
+        found = list(_shard(path, path.name, share, trusted=False))
+        if any(one.sentence.startswith(NO_SHARD) for one in found) or (found and path.suffix != ".h5"):
+            raise FileNotFoundError(f"{path} is no shard of a dataset: {found[0].sentence}")
+        yield from found
         return
     record = path / RECORD
     if not record.is_file():
-        raise FileNotFoundError(f"{path} holds no finished dataset (there is no {record})")
+        hint = f"; there is one in {path / 'dataset'}" if (path / "dataset" / RECORD).is_file() else ""
+        raise FileNotFoundError(f"{path} holds no finished dataset (there is no {record}){hint}")
     found = [name for name in _there(path) if (path / name).is_file()]
     actual = {name: products.sha256(path / name) for name in found}
     stated, wrong = _stated(record)

@@ -159,9 +159,11 @@ class Reader:
             value = group[path.split("@")[0] or "."]
             value = value.attrs[spec.path.split("@")[1]] if spec.is_attribute else value
         except KeyError:
-            lacks = f"the object {object!r} holds no {field} at {path!r}"
+            refused = self._refused(object, solidity if "{solidity}" in spec.path else "")
             raise KeyError(
-                self._refused(object, solidity if "{solidity}" in spec.path else "") or lacks
+                refused
+                or (number is None and _no_such_name(group, spec.path, names))
+                or f"the object {object!r} holds no {field} at {path!r}"
             ) from None
         if spec.is_attribute:
             return value
@@ -287,6 +289,15 @@ def _field(name: str) -> schema.Field:
     if name not in schema.BY_NAME:
         raise KeyError(unknown("field", name, schema.BY_NAME))
     return schema.BY_NAME[name]
+
+
+def _no_such_name(group, pattern: str, names: dict[str, str]) -> str:
+    """Return that an object has no material, sound or look of that name, and which it has; empty where it has."""
+    for kind in ("material", "sound", "look"):
+        place = pattern.partition(f"/{{{kind}}}")[0].format(**names)
+        if f"/{{{kind}}}" in pattern and place in group and names[kind] not in group[place]:
+            return unknown(kind, names[kind], group[place])
+    return ""
 
 
 def _decode(pictures) -> np.ndarray:

@@ -17,6 +17,9 @@ from vibraverse.dataset.splits import SPLIT_COLUMNS
 FORMAT = "vibraverse-shard"
 FORMAT_VERSION = 3
 
+#: How the sentence begins that says of a file that it is none.
+NO_SHARD = "this is not a shard"
+
 #: Texts at the root of a shard: its rows of the index and of the refusals (tab-separated), how it was made (JSON).
 INDEX, REFUSALS, MAKING = "index", "refusals", "making"
 #: And the splits, in a view of several datasets only: a shard does not know them.
@@ -96,7 +99,7 @@ def field_at(path: str) -> Field:
 def strange(h5) -> str:
     """Return why an open HDF5 file is no shard of this version, in one sentence; empty when it is one."""
     if h5.attrs.get("format") != FORMAT:
-        return f"this is not a shard: its attribute 'format' is not {FORMAT!r}"
+        return f"{NO_SHARD}: its attribute 'format' is not {FORMAT!r}"
     version = int(h5.attrs.get("format_version", 0))
     if version != FORMAT_VERSION:
         remedy = (

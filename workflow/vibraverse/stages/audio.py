@@ -72,12 +72,18 @@ def _strikes(job: Job) -> list[tuple]:
     from vibraverse.cli import UsageError
     from vibraverse.modesfile import read_surface
     from vibraverse.physics.impulse import contact
+    from vibraverse.products import read_provenance, sha256
 
     if not job.options.points:
         return []
     if "basis" not in job.inputs:
         raise UsageError(
             "audio: struck points lie on the surface of the basis; name it with --basis basis.h5"
+        )
+    right = read_provenance(job.inputs["modes"]).get("input_sha256", {}).get("basis")
+    if right not in (None, sha256(job.inputs["basis"])):
+        raise UsageError(
+            f"audio: {job.inputs['basis']} is not the basis that {job.inputs['modes']} was made from"
         )
     with h5py.File(job.inputs["basis"]) as basis:
         surface = basis["surface/vertices"][()], basis["surface/faces"][()]
