@@ -310,7 +310,11 @@ def test_handles_are_each_process_s_own(reader):
     ("field", "names", "sentence"),
     [
         ("mode_shapes", {}, "unknown material '' (known: "),
-        ("frequencies_hz", {"material": "brass"}, "unknown material 'brass'; did you mean 'glass'? (known: ceramic, "),
+        (
+            "frequencies_hz",
+            {"material": "brass"},
+            "unknown material 'brass'; did you mean 'glass'? (known: ceramic, ",
+        ),
         (
             "sound",
             {"material": "steel", "sound": "steel-p7"},
