@@ -13,6 +13,7 @@ from vibraverse.basisfile import read_basis, write_basis
 from vibraverse.physics.basis import boundary, build_basis, rigid_body
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
+from vibraverse.physics.modes import reduced_solve
 from vibraverse.physics.reduction import Reduction
 from vibraverse.refusal import Refused
 from vibraverse.seeds import rng
@@ -231,3 +232,13 @@ def test_a_space_that_grows_has_an_orthonormal_basis(outside):
     # All that joined is in it, and no rigid motion.
     rigid = rigid_modes(operators.nodes)
     assert basis.T @ (operators.mass @ rigid) == pytest.approx(np.zeros((10, 6)), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("sides", "cells", "modes"), [((1.8, 0.5, 0.5), (8, 2, 2), 40), ((1.8, 1.2, 1.2), (5, 4, 4), 24)]
+)
+def test_no_frequency_is_forgotten_between_the_values_looked_at(sides, cells, modes):
+    """A mode that comes among the lowest for a part of the range only: errors were fifty times too large there."""
+    basis = build_basis(*box(sides, cells), rng=rng("t"), modes=modes)
+    for poisson in np.linspace(0.1, 0.4, 121):
+        assert reduced_solve(basis, poisson, modes).relative_error.max() < 1.2e-5, poisson

@@ -30,7 +30,7 @@ from vibraverse.physics.reduction import Reduction
 _REACH = 4.0
 #: Values of ν per part at which errors are looked at, and corrections there at most; the estimates stay true if these
 #: do not suffice.
-_PROBES, _CORRECTIONS = 7, 20
+_PROBES, _BETWEEN, _CORRECTIONS = 7, 16, 20
 #: What is corrected at a ν: every mode whose error is above this share of the error wanted.
 _MARGIN = 0.5
 #: Errors are estimated to 20 % and at some ν only: of the error wanted so much may be left by the corrections, and so
@@ -77,9 +77,11 @@ def build_basis(
         if poisson != centre:
             factor.update(operators.shifted(*lame(1.0, poisson), pairs.shift))
         space.use(factor, poisson, rng)
-        near = _probes(poisson, centres, *poisson_range)
-        nodes += _adapt(space, modes, solved, near, max_error)
-        probes += near
+        # Where another mode comes among the lowest between two probes, its error shows only there.
+        for count in (_PROBES, _BETWEEN):
+            near = _probes(poisson, centres, *poisson_range, count)
+            nodes += _adapt(space, modes, solved, near, max_error)
+            probes += near
     turn, error = _compressed(space, modes, probes, max_error)
     faces, surface_nodes = boundary(cells)
     on_surface = _positions(cells, surface_nodes)
@@ -136,11 +138,11 @@ def _centres(low: float, high: float) -> list[float]:
     return [float(poisson) for poisson in middles[order]]
 
 
-def _probes(centre: float, centres: list[float], low: float, high: float) -> list[float]:
+def _probes(centre: float, centres: list[float], low: float, high: float, count: int) -> list[float]:
     """Return the ν at which errors are looked at in the part of the range around ``centre``."""
     places = np.log(1 - 2 * np.array([low, high]))
     half = 0.5 * (places[0] - places[1]) / len(centres)
-    steps = half * np.cos(np.linspace(0, np.pi, _PROBES)) if high > low else np.zeros(1)
+    steps = half * np.cos(np.linspace(0, np.pi, count)) if high > low else np.zeros(1)
     return [float(poisson) for poisson in 0.5 * (1 - (1 - 2 * centre) * np.exp(steps))]
 
 
