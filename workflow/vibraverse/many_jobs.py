@@ -14,7 +14,7 @@ _ASKED, _ASKING = "get_function_params", ("snakemake.common", "snakemake.rules")
 
 
 def prepare() -> None:
-    """Spare this process, which runs Snakemake, a third of what planning many jobs takes.
+    """Spare this process, which runs Snakemake, a sixth of what planning many jobs takes.
 
     A plan is millions of small objects that live as long as the run, so no garbage is looked for until :func:`planned`;
     and the parameters of a rule's functions are looked up once instead of three times for every resource of every job.
