@@ -216,7 +216,7 @@ def test_category_and_licence_reach_the_record(folder, tmp_path, vibraverse):
 
 def test_fifty_thousand_rows_are_quick(folder):
     rows = "".join(f"Cup 1.obj,id-{k},0.{k + 1},vessel,CC0-1.0\n" for k in range(50_000))
-    values = config(folder, ",".join(COLUMNS) + "\n" + rows)
+    values = {**config(folder, ",".join(COLUMNS) + "\n" + rows), "dataset": {"shards": 500}}
     started = time.process_time()
     assert len(Plan(values).objects) == 50_000
     assert time.process_time() - started < 6
