@@ -4,7 +4,7 @@
 
 Materials are random over the range of real ones (E 5e8 to 5e11 Pa, ρ 500 to 10,000 kg/m³, ν 0.1 to 0.4). Both sides use
 the same matrices; the sparse solve's own error is near 1e-9. A material's time is that of its frequencies, damping and
-mode shapes on one thread, once the basis is read.
+mode shapes (as coefficients) on one thread, once the basis is read.
 """
 
 from __future__ import annotations

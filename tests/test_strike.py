@@ -110,6 +110,10 @@ def test_what_tets_warn_of_names_the_option(tmp_path, vibraverse):
         (["--at", "1,2"], "--at takes three numbers"),
         (["--at", "nan,0,0"], "--at takes three numbers such as 0.1,0,0.25, not 'nan,0,0'"),
         (["--at", "0,-inf,0"], "--at takes three numbers"),
+        (
+            ["--at", "0,0,50"],
+            "--at 0,0,50 is not on the mesh, which is 10 long around 0,0,0 in the coordinates of its",
+        ),
         (["-o", "."], ". is a folder; name a file in it"),
         (["--json", ".."], ".. is a folder; name a file in it"),
         (["-o", "no/such/folder/a.wav"], "the folder of no/such/folder/a.wav does not exist"),

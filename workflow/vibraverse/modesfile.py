@@ -33,11 +33,11 @@ def read_surface(h5, vertices=None) -> tuple[np.ndarray, np.ndarray]:
     ``h5`` is an open basis.h5, or that group of a body in a shard; ``vertices`` chooses some of the surface's.
     """
 
-    def rows(array) -> np.ndarray:
-        # One by one: from a file that is not compressed, no more than these are read.
-        return array[()] if vertices is None else np.stack([array[int(vertex)] for vertex in vertices])
-
-    return rows(h5["surface/basis"]), rows(h5["correction/surface"])
+    arrays = h5["surface/basis"], h5["correction/surface"]
+    if vertices is None:
+        return tuple(array[()] for array in arrays)
+    ascending, places = np.unique(vertices, return_inverse=True)  # as HDF5 takes them, in one go
+    return tuple(array[ascending][places] for array in arrays)
 
 
 def read_mode_shapes(h5, surface: tuple, material: str, vertices=None) -> np.ndarray:

@@ -209,6 +209,19 @@ class _Strike:
             raise UsageError(f"--at takes three numbers such as 0.1,0,0.25, not {text!r}")
         return x, y, z
 
+    def _points(self, clean: dict) -> list[list[float]]:
+        """Return the struck point, if there is one, in the normalised coordinates of the cleaned mesh."""
+        if self.point is None:
+            return []
+        point = [(x - c) * clean["scale"] for x, c in zip(self.point, clean["centre"], strict=True)]
+        if max(map(abs, point)) > 1:
+            place, centre = (",".join(f"{x:g}" for x in xs) for xs in (self.point, clean["centre"]))
+            raise UsageError(
+                f"--at {place} is not on the mesh, which is {LONGEST_SIDE / clean['scale']:g} long around {centre} in "
+                "the coordinates of its file"
+            )
+        return [point]
+
     def run(self, folder: Path) -> tuple[dict, Path]:
         """Run the chain in ``folder``; return the facts and the path of the sound."""
         p = Paths(folder)
@@ -226,6 +239,8 @@ class _Strike:
             {"mesh": at(p.source_mesh), "source_record": at(p.source_record)},
             {"surface": at(p.surface), "record": at(p.clean_record)},
         )
+        clean = products.read_json(at(p.clean_record))
+        points = self._points(clean)
         surface = p.surface
         if self.solidity == "hollow":
             self._stage("grids", {"surface": at(p.surface)}, {"grids": at(p.grids), "coarse": at(p.coarse)})
@@ -242,16 +257,6 @@ class _Strike:
             {"basis": at(p.basis), "tets": at(p.tets), "clean_record": at(p.clean_record)},
             {"modes": at(p.modes)},
         )
-        clean = products.read_json(at(p.clean_record))
-        points = []
-        if self.point is not None:
-            points = [[(x - c) * clean["scale"] for x, c in zip(self.point, clean["centre"], strict=True)]]
-            if max(map(abs, points[0])) > 1:
-                place, centre = (" ".join(f"{x:g}" for x in xs) for xs in (self.point, clean["centre"]))
-                raise UsageError(
-                    f"--point {place} is not on the mesh, which is {LONGEST_SIDE / clean['scale']:g} long around "
-                    f"{centre} in the coordinates of its file"
-                )
         audio = Audio(points=points)
         name = audio.names([self.material_name])[-1]
         self.options["audio"] = audio

@@ -28,8 +28,8 @@ from vibraverse.physics.reduction import Reduction
 
 #: The factor by which ``1 - 2ν`` may change over a part of the range with one factorisation.
 _REACH = 4.0
-#: Values of ν per part at which errors are looked at, and corrections there at most; the estimates stay true if these
-#: do not suffice.
+#: Values of ν per part at which errors are looked at first, and then between them, and corrections at most for either;
+#: the estimates stay true if these do not suffice.
 _PROBES, _BETWEEN, _CORRECTIONS = 7, 16, 20
 #: What is corrected at a ν: every mode whose error is above this share of the error wanted.
 _MARGIN = 0.5
