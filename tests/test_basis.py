@@ -13,6 +13,7 @@ from vibraverse.basisfile import read_basis, write_basis
 from vibraverse.physics.basis import boundary, build_basis, rigid_body
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
+from vibraverse.physics.materials import lame
 from vibraverse.physics.modes import reduced_solve
 from vibraverse.physics.reduction import Reduction
 from vibraverse.refusal import Refused
@@ -232,6 +233,26 @@ def test_a_space_that_grows_has_an_orthonormal_basis(outside):
     # All that joined is in it, and no rigid motion.
     rigid = rigid_modes(operators.nodes)
     assert basis.T @ (operators.mass @ rigid) == pytest.approx(np.zeros((10, 6)), abs=1e-9)
+
+
+@pytest.mark.parametrize("max_error", [1e-9, 8.0])
+def test_corrections_are_projected_without_a_product_with_k_mu(max_error):
+    """What residuals say of it is what the product says, whether all directions of a correction join or some."""
+    operators = assemble(*box((1.8, 1.2, 0.7), (5, 4, 3)))
+    pairs = solve(operators, 0.25, 12, rng=rng("t"), method="lanczos")
+    space = Reduction(operators, pairs.vectors)
+    factor = pairs.factor
+    for at, toward in ((0.25, 0.4), (0.45, 0.49)):
+        factor.update(operators.shifted(*lame(1.0, at), pairs.shift))
+        space.use(factor, at, pairs.shift, rng("probes"))
+        values, coefficients, _ = space.solve(toward, 8, 2)
+        rank = len(space.a_mu)
+        space.correct(toward, values, coefficients, max_error)
+        assert (len(space.a_mu) < rank + 10) == (max_error == 8.0)
+    basis = space.vectors @ space.in_vectors(np.eye(len(space.a_mu)))
+    for projected, matrix in ((space.a_lambda, operators.k_lambda), (space.a_mu, operators.k_mu)):
+        expected = basis.T @ (matrix @ basis)
+        assert projected == pytest.approx(expected, abs=1e-11 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize(

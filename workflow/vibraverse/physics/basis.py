@@ -28,9 +28,11 @@ from vibraverse.physics.reduction import Reduction
 
 #: The factor by which ``1 - 2ν`` may change over a part of the range with one factorisation.
 _REACH = 4.0
-#: Values of ν per part at which errors are looked at first, and then between them, and corrections at most for either;
-#: the estimates stay true if these do not suffice.
-_PROBES, _BETWEEN, _CORRECTIONS = 7, 16, 20
+#: Values of ν per part at which errors are looked at one after the other: the ends, where they are largest; some more;
+#: and, since those of a mode that comes among the lowest between two of them show only there, many.
+_LOOKS = (2, 7, 16)
+#: Corrections at most for each of these; the estimates stay true if they do not suffice.
+_CORRECTIONS = 20
 #: What is corrected at a ν: every mode whose error is above this share of the error wanted.
 _MARGIN = 0.5
 #: Errors are estimated to 20 % and at some ν only: of the error wanted so much may be left by the corrections, and so
@@ -76,12 +78,11 @@ def build_basis(
     for poisson in centres:
         if poisson != centre:
             factor.update(operators.shifted(*lame(1.0, poisson), pairs.shift))
-        space.use(factor, poisson, rng)
-        # Where another mode comes among the lowest between two probes, its error shows only there.
-        for count in (_PROBES, _BETWEEN):
+        space.use(factor, poisson, pairs.shift, rng)
+        for count in _LOOKS:
             near = _probes(poisson, centres, *poisson_range, count)
             nodes += _adapt(space, modes, solved, near, max_error)
-            probes += near
+            probes = sorted({*probes, *near})
     turn, error = _compressed(space, modes, probes, max_error)
     faces, surface_nodes = boundary(cells)
     on_surface = _positions(cells, surface_nodes)

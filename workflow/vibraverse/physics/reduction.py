@@ -45,7 +45,7 @@ class Reduction:
     """
 
     def __init__(self, operators: Operators, vectors: np.ndarray):
-        self._operators, self._factor = operators, None
+        self._operators, self._factor, self._shift = operators, None, 0.0
         self._rigid, self._weighted_rigid, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
         n = operators.unknowns
         self._columns = Columns(n, _CAPACITY * vectors.shape[1])
@@ -81,9 +81,9 @@ class Reduction:
         """Every ν₀ used so far, (k,)."""
         return np.array(self._energy_poisson)
 
-    def use(self, factor, poisson: float, rng: np.random.Generator) -> None:
-        """Correct, and estimate errors near ``poisson``, with the factorisation of ``K(poisson) - σM``."""
-        self._factor = factor
+    def use(self, factor, poisson: float, shift: float, rng: np.random.Generator) -> None:
+        """Correct, and estimate errors near ``poisson``, with the factorisation of ``K(poisson) - shift M``."""
+        self._factor, self._shift = factor, shift
         self._energy_poisson.append(poisson)
         probes = factor.inverse_root(rng.standard_normal((self._operators.unknowns, _SKETCH)))
         operators = self._operators
@@ -109,7 +109,9 @@ class Reduction:
         energy = correction.T @ residual
         gain, turn = np.linalg.eigh(0.5 * (energy + energy.T))
         kept = gain > _NEGLIGIBLE * max_error
-        self.join(correction if kept.all() else combine(correction, turn[:, kept]))
+        if not kept.all():
+            correction, residual = (combine(block, turn[:, kept]) for block in (correction, residual))
+        self.join(correction, residual)
 
     def needed(self, coefficients: np.ndarray, drop: float) -> np.ndarray:
         """Return an orthonormal basis (r, s) of the directions that Ritz vectors (r, m) need by more than ``drop``.
@@ -128,8 +130,11 @@ class Reduction:
         a_lambda, a_mu = (turn.T @ matrix @ turn for matrix in self._projected)
         return 0.5 * (a_lambda + a_lambda.T), 0.5 * (a_mu + a_mu.T), _flat(np.stack(self._sketches) @ turn)
 
-    def join(self, block: np.ndarray) -> None:
-        """Join the span of ``block`` (n, k)."""
+    def join(self, block: np.ndarray, image: np.ndarray | None = None) -> None:
+        """Join the span of ``block`` (n, k); ``image`` is ``B block`` where that is known.
+
+        Then ``K(ν₀) block`` is, too, which spares one of two products with a stiffness matrix.
+        """
         old, operators = self.vectors, self._operators
         block = np.array(block, order="F")
         for last in (False, False, True):
@@ -142,13 +147,20 @@ class Reduction:
             turn, least = orthonormalising(outside, _ROUNDING)
             if share * least > _CANCELLED or last:
                 break
+            image = None
             block -= combine(old, self.in_vectors(within))
             if share > _CANCELLED:  # else the turn is rounding itself
                 block = combine(block, turn)
-        images = operators.k_lambda @ rows, operators.k_mu @ rows
+        sides = [self._sides(operators.k_lambda @ rows, block)]
+        if image is None:
+            sides.append(self._sides(operators.k_mu @ rows, block))
+        else:
+            lam, mu = lame(1.0, self._energy_poisson[-1])
+            known = zip(self._sides(image, block), (within, gram), sides[0], strict=True)
+            sides.append(tuple((side + self._shift * mass - lam * other) / mu for side, mass, other in known))
         self._projected = [
-            _grown(projected, self._turn.T @ (old.T @ image), block.T @ image, within, turn)
-            for projected, image in zip(self._projected, images, strict=True)
+            _grown(projected, *side, within, turn)
+            for projected, side in zip(self._projected, sides, strict=True)
         ]
         self._sketches = [
             np.concatenate([sketch, (_sketched(probes, block) - sketch @ within) @ turn], axis=-1)
@@ -157,6 +169,10 @@ class Reduction:
         self._columns.append(block)
         beside = -self._turn @ within @ turn
         self._turn = np.block([[self._turn, beside], [np.zeros((len(turn), self._turn.shape[1])), turn]])
+
+    def _sides(self, image: np.ndarray, block: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the products of an image (n, k) with the basis, (r, k), and with ``block``, (k, k)."""
+        return self._turn.T @ (self.vectors.T @ image), block.T @ image
 
 
 def _sketched(probes: list[np.ndarray], vectors: np.ndarray) -> np.ndarray:
@@ -172,9 +188,9 @@ def _flat(sketch: np.ndarray) -> np.ndarray:
 def _grown(
     projected: np.ndarray, side: np.ndarray, corner: np.ndarray, within: np.ndarray, turn: np.ndarray
 ) -> np.ndarray:
-    """Return a projected matrix (r, r) on the basis Q with more vectors, ``(B - Q within) turn``.
+    """Return a projected matrix (r, r) on the basis Q with more vectors, ``(C - Q within) turn``.
 
-    ``side`` is its projection onto Q and B, ``corner`` that onto B.
+    ``side`` is its projection onto Q and C, ``corner`` that onto C.
     """
     across = side - projected @ within
     corner = corner - within.T @ across - side.T @ within

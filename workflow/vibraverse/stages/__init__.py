@@ -8,7 +8,7 @@ VERSIONS = {
     "grids": 2,
     "hollow": 8,
     "tets": 7,
-    "basis": 8,
+    "basis": 9,
     "modes": 6,
     "audio": 3,
     "images": 2,
