@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import time
@@ -198,6 +200,25 @@ def test_a_configuration_file_stands_alone(finished, tmp_path):
     assert '"materials": {"glass"' in text
     assert "> 'my results/logs/bar-0000/audio.solid.log' 2>&1" in text
     assert '"tin"' not in text
+
+
+def test_every_job_is_printed_with_its_own_command(tmp_path, root):
+    """A command is remembered between the three times Snakemake asks for it, and not for the next job."""
+    run = Run(tmp_path, root)
+    run.config["sources"]["generated"]["count"] = 3
+    done = run("--dry-run", "--printshellcmds")
+    lines = (done.stdout + done.stderr).splitlines()
+    commands = {
+        tuple(named.groups(default="")): following
+        for line, following in itertools.pairwise(lines)
+        if (named := re.match(r"Job \d+: (bar-\d+)(?:, (solid|hollow))?: (.*)", line))
+    }
+    assert len(commands) == 3 * 13
+    for (name, solidity, _), command in commands.items():
+        assert command.startswith("Shell command: vibraverse ")
+        assert f" --object {name} " in command
+        assert not solidity or f" --solidity {solidity} " in command
+    assert len(set(commands.values())) == len(commands)
 
 
 @pytest.mark.parametrize(
