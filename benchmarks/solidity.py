@@ -2,6 +2,7 @@
 
     python benchmarks/meshes.py --generated 150 --json meshes.json && python benchmarks/solidity.py meshes.json
     python benchmarks/solidity.py results        the meshes of a run
+    python benchmarks/solidity.py results --other coarse       what of that is heard
 
 For each group of statistics: logistic regression and 9 nearest neighbours, trained and tested in 10-fold
 cross-validation, both bodies of an object in the same fold. Accuracies are means of 20 shuffles; the interval is that
@@ -9,6 +10,11 @@ of a bootstrap over objects (95 %). Chance is 50 %, because only objects with bo
 
 Hollow bodies are thinner. Whether meshing tells more than that is asked of pairs of different objects, one solid, one
 hollow, whose walls are equally thick to 10 % (median number of elements across times median edge).
+
+With --other, a run of the same objects with another `tets.target_elements`: whether what a mesh gives away is heard.
+The same classifiers are given the frequencies of one material. Where all solid bodies come from the one run and all
+hollow ones from the other, the mesh says what is solid, in training and test alike, or in the test the wrong way round.
+Were a mesh heard, the first would be right more often than the second.
 """
 
 from __future__ import annotations
@@ -39,7 +45,13 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("source", type=Path, help="the JSON of benchmarks/meshes.py, or a results folder")
-    source = parser.parse_args().source
+    parser.add_argument("--other", type=Path, help="results of the same objects on other meshes")
+    parser.add_argument("--material", default="steel")
+    arguments = parser.parse_args()
+    source = arguments.source
+    if arguments.other:
+        _print_heard(*(_frequencies(results, arguments.material) for results in (source, arguments.other)))
+        return
     pairs = [pair for pair in (_of_run(source) if source.is_dir() else _of_json(source)) if len(pair) == 2]
     names = sorted(set.intersection(*(set(body) for pair in pairs for body in pair.values())))
     values = np.array([[[pair[s][name] for name in names] for s in ("solid", "hollow")] for pair in pairs])
@@ -48,7 +60,7 @@ def main() -> None:
     for group, beginnings in _GROUPS.items():
         chosen = [i for i, name in enumerate(names) if name.startswith(beginnings)]
         if chosen:
-            cells = [_cell(values[:, :, chosen], method) for method in (_logistic, _nearest)]
+            cells = [_cell(_right(values[:, :, chosen], method)) for method in (_logistic, _nearest)]
             print(f"| {group} ({len(chosen)}) | {' | '.join(cells)} |", flush=True)
     _print_matched(names, values)
     print(
@@ -86,8 +98,66 @@ def _print_matched(names: list[str], values: np.ndarray) -> None:
         "counts, angles and shapes",
     ):
         chosen = [i for i, name in enumerate(names) if name.startswith(_GROUPS[group])]
-        cells = [_cell(matched[:, :, chosen], method) for method in (_logistic, _nearest)]
+        cells = [_cell(_right(matched[:, :, chosen], method)) for method in (_logistic, _nearest)]
         print(f"| {group} ({len(chosen)}) | {' | '.join(cells)} |", flush=True)
+
+
+def _print_heard(here: dict, there: dict) -> None:
+    """Print how often frequencies tell solidity, where they come from the same meshes and from others."""
+    names = sorted(here.keys() & there.keys())
+    runs = np.array([[run[name] for name in names] for run in (here, there)])  # (run, object, body, k)
+    change = np.abs(np.expm1(runs[1] - runs[0]))
+    print(
+        f"{len(names)} objects; frequencies of the two runs differ by {100 * np.median(change):.2f} % in the median, "
+        f"{100 * np.percentile(change, 95):.2f} % at most for 95 % of them\n"
+    )
+    relative = np.concatenate([runs[..., :1], runs[..., 1:] - runs[..., :1]], axis=-1)
+    first, second = relative
+    told = np.stack([first[:, 0], second[:, 1]], axis=1), np.stack([second[:, 0], first[:, 1]], axis=1)
+    print(
+        "| trained on | tested on | logistic regression | 9 nearest neighbours |\n| --- | --- | --- | --- |"
+    )
+    for trained, tested, train, test in (
+        ("first", "first", first, first),
+        ("first", "second", first, second),
+        ("second", "second", second, second),
+        ("second", "first", second, first),
+    ):
+        cells = [_cell(_right(train, method, test)) for method in (_logistic, _nearest)]
+        print(f"| {trained} | {tested} | {' | '.join(cells)} |", flush=True)
+    print(
+        "\n| the mesh says what is solid | logistic regression | 9 nearest neighbours |\n| --- | --- | --- |"
+    )
+    found = {}
+    for truth, order in (("in training and test", 1), ("in the test the wrong way round", -1)):
+        found[truth] = [
+            0.5 * sum(_right(train, method, test) for train, test in zip(told, told[::order], strict=True))
+            for method in (_logistic, _nearest)
+        ]
+        print(f"| {truth} | {' | '.join(map(_cell, found[truth]))} |", flush=True)
+    right, wrong = found.values()
+    cells = [_cell(a - b) for a, b in zip(right, wrong, strict=True)]
+    print(f"| difference: what is heard of the mesh | {' | '.join(cells)} |")
+
+
+def _frequencies(results: Path, material: str) -> dict[str, np.ndarray]:
+    """Return object -> natural logarithms of the frequencies (2, m) of its solid and hollow body, where it has both."""
+    import h5py
+
+    from vibraverse.modesfile import read_spectrum
+    from vibraverse.refusal import read_refusal
+
+    found = {}
+    for folder in sorted((results / "objects").iterdir()):
+        paths = [folder / solidity / "modes.h5" for solidity in ("solid", "hollow")]
+        if any(not path.is_file() or read_refusal(path) for path in paths):
+            continue
+        spectra = []
+        for path in paths:
+            with h5py.File(path) as h5:
+                spectra.append(np.log(read_spectrum(h5, material)[0]))
+        found[folder.name] = np.array(spectra)
+    return found
 
 
 def _of_json(path: Path):
@@ -122,20 +192,29 @@ def _flat(found: dict) -> dict[str, float]:
     return flat
 
 
-def _cell(values: np.ndarray, method) -> str:
-    """Return accuracy and interval for statistics (objects, 2, k)."""
+def _right(values: np.ndarray, method, others: np.ndarray | None = None) -> np.ndarray:
+    """Return how often each object is classified rightly, (objects,), by statistics (objects, 2, k).
+
+    Objects are tested by ``others`` where these are given, trained with by ``values`` always.
+    """
+    others = values if others is None else others
     right = np.zeros(len(values))
     random = np.random.default_rng(0)
     for _ in range(_SHUFFLES):
         folds = random.permutation(len(values)) % _FOLDS
         for fold in range(_FOLDS):
-            train, test = values[folds != fold], values[folds == fold]
+            train, test = values[folds != fold], others[folds == fold]
             x, mean = train.reshape(-1, values.shape[2]), train.mean(axis=(0, 1))
             scale = train.std(axis=(0, 1)) + 1e-12
             y = np.tile([0.0, 1.0], len(train))
             said = method((x - mean) / scale, y, (test.reshape(-1, values.shape[2]) - mean) / scale)
             right[folds == fold] += (said.reshape(-1, 2) == [0, 1]).mean(axis=1)
-    right /= _SHUFFLES
+    return right / _SHUFFLES
+
+
+def _cell(right: np.ndarray) -> str:
+    """Return the mean and its interval in per cent, for a share of every object (objects,)."""
+    random = np.random.default_rng(0)
     means = random.choice(right, (_BOOTSTRAPS, len(right))).mean(axis=1)
     low, high = np.percentile(means, (2.5, 97.5))
     return f"{100 * right.mean():.1f} % ({100 * low:.1f} to {100 * high:.1f})"
