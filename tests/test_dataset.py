@@ -18,9 +18,7 @@ import soundfile
 import make_products
 import vibraverse.dataset
 from vibraverse import products
-from vibraverse.config.dataset import Dataset
 from vibraverse.dataset import chain, making, schema, validator
-from vibraverse.dataset.splits import shard_of, split_of
 from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.refusal import Refusal, Refused, read_refusal
@@ -344,31 +342,6 @@ def test_reading_needs_only_numpy_and_h5py(results):
     )
     done = subprocess.run([sys.executable, "-c", code, results / "dataset"], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-
-
-def test_splits_depend_on_the_id_alone():
-    splits = Dataset().splits
-    names = [f"object-{number:04d}" for number in range(4000)]
-    found = [split_of(name, splits) for name in names]
-    shares = {split: found.count(split) / len(names) for split in splits}
-    assert shares["train"] == pytest.approx(0.8, abs=0.02)
-    assert shares["validation"] == pytest.approx(0.1, abs=0.015)
-    # Fixed for ever: these would change only with the hash.
-    assert [split_of(name, splits) for name in ("bowl-0007", "ball-0000", "ant")] == PINNED_SPLITS
-    assert split_of("anything", {"all": 1.0}) == "all"
-    assert {split_of(name, {"none": 0.0, "a": 0.5, "b": 0.5}) for name in names[:200]} == {"a", "b"}
-    # Growing the training share moves objects only into training.
-    grown = [split_of(name, {"train": 0.9, "validation": 0.05, "test": 0.05}) for name in names]
-    assert all(new == "train" for old, new in zip(found, grown, strict=True) if old == "train")
-
-
-PINNED_SPLITS = ["train", "test", "train"]
-
-
-def test_shards_fill_evenly():
-    counts = np.bincount([shard_of(f"object-{number}", 8) for number in range(8000)], minlength=8)
-    assert counts.min() > 850
-    assert counts.max() < 1150
 
 
 def test_control_characters_of_files_reach_no_shard(tmp_path):

@@ -14,7 +14,7 @@ from vibraverse import products
 from vibraverse.config import ConfigError
 from vibraverse.config.dataset import Dataset
 from vibraverse.dataset.copies import groups, natural
-from vibraverse.dataset.splits import assign, emptiness, split_of
+from vibraverse.dataset.splits import assign, emptiness, shard_of, split_of
 from vibraverse.plan import Plan
 from vibraverse.targets import kept_splits
 
@@ -28,6 +28,31 @@ def alone(names) -> dict[str, str]:
 
 def names(count: int, prefix: str = "object") -> list[str]:
     return [f"{prefix}-{number:04d}" for number in range(count)]
+
+
+def test_splits_depend_on_the_id_alone():
+    names = [f"object-{number:04d}" for number in range(4000)]
+    found = [split_of(name, SPLITS) for name in names]
+    shares = {split: found.count(split) / len(names) for split in SPLITS}
+    assert shares["train"] == pytest.approx(0.8, abs=0.02)
+    assert shares["validation"] == pytest.approx(0.1, abs=0.015)
+    # Fixed for ever: these would change only with the hash.
+    assert [split_of(name, SPLITS) for name in ("bowl-0007", "ball-0000", "ant")] == [
+        "train",
+        "test",
+        "train",
+    ]
+    assert split_of("anything", {"all": 1.0}) == "all"
+    assert {split_of(name, {"none": 0.0, "a": 0.5, "b": 0.5}) for name in names[:200]} == {"a", "b"}
+    # Growing the training share moves objects only into training.
+    grown = [split_of(name, {"train": 0.9, "validation": 0.05, "test": 0.05}) for name in names]
+    assert all(new == "train" for old, new in zip(found, grown, strict=True) if old == "train")
+
+
+def test_shards_fill_evenly():
+    counts = np.bincount([shard_of(f"object-{number}", 8) for number in range(8000)], minlength=8)
+    assert counts.min() > 850
+    assert counts.max() < 1150
 
 
 def test_growing_moves_nothing():
