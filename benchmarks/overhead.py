@@ -1,10 +1,11 @@
 """What a run costs besides computing: process starts, imports and Snakemake, for many small objects.
 
-python benchmarks/overhead.py [OBJECTS] [--only plain|warm]
+python benchmarks/overhead.py [OBJECTS] [--only plain|warm] [--repeat OBJECTS]
 
 Runs the whole workflow on generated objects with one core, by itself and under `vibraverse warm`, then repeats the
 command of every job, as its log states it, in one process in which everything is imported and compiled already and
 child processes are plain calls. What that takes is called useful computing here; the rest of a run's time is overhead.
+With --repeat only the jobs of so many objects, chosen at random, are repeated, and their mean stands for all.
 Times are CPU seconds of all processes, so that other work on the machine distorts them little; waiting for the disk is
 not in them.
 """
@@ -15,11 +16,12 @@ import argparse
 import contextlib
 import io
 import os
+import random
 import shlex
 import subprocess
 import sys
 import tempfile
-from collections import defaultdict
+from collections import Counter, defaultdict
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -53,8 +55,8 @@ def cpu_s() -> float:
     return times.user + times.system + times.children_user + times.children_system
 
 
-def replay(folder: Path) -> dict[str, list[float]]:
-    """Repeat every job in this process; return stage -> the seconds of each but the first object's."""
+def replay(folder: Path, objects: int | None) -> tuple[dict[str, list[float]], dict[str, int]]:
+    """Repeat jobs in this process; return stage -> the seconds of each but the first, and stage -> jobs there were."""
     from vibraverse import cli, limits
 
     def call(function, *arguments, **_):
@@ -64,13 +66,18 @@ def replay(folder: Path) -> dict[str, list[float]]:
     os.chdir(folder)
     cli.set_threads(1)
     logs = sorted(Path("results/logs").rglob("*.log"), key=lambda path: path.stat().st_mtime)
+    made = sorted(log.parent.name for log in logs if log.name == "sources.log")
+    chosen = set(random.Random(0).sample(made, objects or len(made)))
     seen: set[str] = set()
-    useful = defaultdict(list)
+    useful, jobs = defaultdict(list), Counter()
     for log in logs:
         command = shlex.split(log.read_text(encoding="utf-8").splitlines()[0])
         if command[0] != "vibraverse" or command[1] not in cli.STAGES:
             continue
         kind = log.name
+        jobs[command[1]] += 1
+        if log.parent.name in made and log.parent.name not in chosen:
+            continue
         for _ in range(1 if kind in seen else 2):  # the first of its kind imports and compiles
             with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
                 before = cpu_s()
@@ -79,15 +86,16 @@ def replay(folder: Path) -> dict[str, list[float]]:
                 seconds = cpu_s() - before
         seen.add(kind)
         useful[command[1]].append(seconds)
-    return useful
+    return useful, jobs
 
 
-def report(totals: dict[str, float], useful: dict[str, list[float]]) -> None:
+def report(totals: dict[str, float], useful: dict[str, list[float]], jobs: dict[str, int]) -> None:
     """Print what each stage needs, and what the runs took besides."""
     print(f"{'stage':<10}{'jobs':>6}{'useful CPU s per job':>22}")
     for stage, seconds in useful.items():
-        print(f"{stage:<10}{len(seconds):>6}{sum(seconds) / len(seconds):>22.2f}")
-    count, computing = sum(map(len, useful.values())), sum(map(sum, useful.values()))
+        print(f"{stage:<10}{jobs[stage]:>6}{sum(seconds) / len(seconds):>22.2f}")
+    count = sum(jobs.values())
+    computing = sum(jobs[stage] * sum(seconds) / len(seconds) for stage, seconds in useful.items())
     print(f"{count} jobs, useful {computing:.1f} CPU s")
     for name, total in totals.items():
         besides = total - computing
@@ -100,6 +108,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("objects", type=int, nargs="?", default=10)
     parser.add_argument("--only", choices=("plain", "warm"), help="leave the other run out")
+    parser.add_argument(
+        "--repeat", type=int, metavar="OBJECTS", help="repeat the jobs of so many (default: all)"
+    )
     chosen = parser.parse_args()
     runs = {"plain": (), "warm": (str(Path(sys.executable).with_name("vibraverse")), "warm")}
     totals = {}
@@ -109,9 +120,9 @@ def main() -> None:
             folder.mkdir()
             (folder / "config.yaml").write_text(CONFIG.format(count=chosen.objects))
             totals[name] = snakemake(folder, runs[name])
-        useful = replay(folder)
+        useful, jobs = replay(folder, chosen.repeat)
         os.chdir("/")
-    report(totals, useful)
+    report(totals, useful, jobs)
 
 
 if __name__ == "__main__":
