@@ -2,7 +2,7 @@
 
 python benchmarks/overhead.py [OBJECTS] [--only plain|warm] [--repeat OBJECTS]
 
-Runs the whole workflow on generated objects with one core, by itself and under `vibraverse warm`, then repeats the
+Runs the whole workflow on compact generated objects with one core, by itself and under `vibraverse warm`, then repeats the
 command of every job, as its log states it, in one process in which everything is imported and compiled already and
 child processes are plain calls. What that takes is called useful computing here; the rest of a run's time is overhead.
 With --repeat only the jobs of so many objects, chosen at random, are repeated, and their mean stands for all.
@@ -26,7 +26,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 CONFIG = """\
-sources: {{generated: {{count: {count}}}, bundled: []}}
+sources: {{generated: {{count: {count}, families: [bar, blob, ring, pawn]}}, bundled: []}}
 tets: {{target_elements: 1500}}
 basis: {{modes: 32}}
 images: {{looks: [clay]}}
