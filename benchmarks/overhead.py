@@ -2,8 +2,8 @@
 
 python benchmarks/overhead.py [OBJECTS] [--only plain|warm] [--repeat OBJECTS]
 
-Runs the whole workflow on compact generated objects with one core, by itself and under `vibraverse warm`, then repeats the
-command of every job, as its log states it, in one process in which everything is imported and compiled already and
+Runs the whole workflow on compact generated objects with one core, by itself and under `vibraverse warm`, then repeats
+the command of every job, as its log states it, in one process in which everything is imported and compiled already and
 child processes are plain calls. What that takes is called useful computing here; the rest of a run's time is overhead.
 With --repeat only the jobs of so many objects, chosen at random, are repeated, and their mean stands for all.
 Times are CPU seconds of all processes, so that other work on the machine distorts them little; waiting for the disk is
