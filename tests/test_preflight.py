@@ -35,14 +35,6 @@ def bin_(tmp_path, monkeypatch):
     return folder
 
 
-@pytest.fixture
-def cluster(bin_):
-    """A Slurm of two partitions, of which one has GPUs, and an empty queue."""
-    stub(bin_, "sinfo", "echo 'cpu*|64000|(null)'; echo 'gpu|32000|gpu:2'")
-    stub(bin_, "squeue", "true")
-    return bin_
-
-
 def said(check, *arguments) -> str:
     """Return a check's sentence, which must be one."""
     with pytest.raises(preflight.NotThere) as found:
@@ -263,58 +255,38 @@ def test_a_missing_image_names_the_remedy(monkeypatch, tmp_path):
     monkeypatch.setenv("VIBRAVERSE_IMAGES", str(tmp_path))
     sentence = said(preflight.images, [containers.image("fem")])
     assert sentence.startswith(f"the image {tmp_path}/vibraverse-fem-")
-    assert "is not there; run `make containers`" in sentence
+    assert "is not there (VIBRAVERSE_IMAGES says where they are); run `make containers`" in sentence
+    sentence = said(preflight.images, [containers.image("fem"), containers.image("render")])
+    assert sentence.count("is not there") == 2
     monkeypatch.setenv("VIBRAVERSE_IMAGES", "docker://registry.example/shapes")
     preflight.images([containers.image("fem")])
 
 
 @pytest.mark.parametrize(
-    ("resources", "sentence"),
+    ("arguments", "there"),
     [
-        (
-            {"slurm_partition": "fast"},
-            "no partition 'fast', which the rule tets asks for; there are: cpu, gpu.",
-        ),
-        ({"gpu": 1}, "asks for a GPU, but the partition cpu has none; GPUs are in: gpu."),
-        ({"mem_mb": 64001}, "asks for 64001 MB, but the largest node of the partition cpu has 64000 MB"),
-        ({"slurm_partition": "gpu", "mem_mb": 40000}, "the partition gpu has 32000 MB"),
+        (["--workflow-profile", "no/such/slurm", "--cores", "1"], False),
+        (["--workflow-profile=no/such/slurm"], False),
+        (["--workflow-profile", "slurm"], True),
+        (["--workflow-profile", "none"], True),
+        (["--cores", "1"], True),
     ],
 )
-def test_what_a_cluster_has_not(cluster, resources, sentence):
-    assert sentence in said(preflight.slurm, [("sources", {"mem_mb": 1000}), ("tets", resources)])
+def test_a_profile_that_is_not_there_is_named(tmp_path, monkeypatch, arguments, there):
+    """Snakemake would run without one, and compute where it was started."""
+    monkeypatch.chdir(tmp_path)
+    if there:
+        preflight.profile(["snakemake", *arguments])
+    else:
+        sentence = said(preflight.profile, ["snakemake", *arguments])
+        assert sentence.startswith("there is no profile no/such/slurm; from a folder of your own")
 
 
-def test_what_a_cluster_has(cluster):
-    preflight.slurm([("train", {"gpu": 1, "slurm_partition": "gpu"}), ("tets", {"mem_mb": 4000})])
-
-
-def test_a_slurm_that_does_not_answer(bin_, monkeypatch):
-    stub(bin_, "sinfo", "echo 'slurm_load_partitions: Unable to contact slurm controller' >&2; exit 1")
-    assert "Slurm does not answer (slurm_load_partitions: Unable" in said(preflight.slurm, [])
-    monkeypatch.setenv("PATH", "/nowhere")
-    assert "there is no command sinfo here" in said(preflight.slurm, [])
-
-
-def test_jobs_of_an_earlier_run_are_waited_for(cluster, tmp_path):
-    stub(cluster, "squeue", f"echo '17|{tmp_path}'; echo '18|/elsewhere'")
-    sentence = said(preflight.slurm, [], tmp_path)
-    assert f"an earlier run still has 1 Slurm job in {tmp_path};" in sentence
-    assert "`scancel 17`" in sentence
-
-
-@pytest.mark.parametrize("variable", ["SLURM_JOB_ID", "SLURM_ARRAY_JOB_ID"])
-def test_the_job_that_a_run_is_part_of_is_no_earlier_one(cluster, tmp_path, monkeypatch, variable):
-    """In a process of its own, which forgets the variable as Snakemake's Slurm plugin makes it."""
-    stub(cluster, "squeue", f"for job in 17 17_1 '17_[2-9]' 170 171; do echo \"$job|{tmp_path}\"; done")
-    monkeypatch.setenv(variable, "17")
-    call = (
-        "import os, sys; from vibraverse import preflight; del os.environ[sys.argv[1]];"
-        "preflight.stop_without(preflight.slurm, [], sys.argv[2])"
+def test_resources_of_a_rule_that_is_not_there(root):
+    preflight.rules(["basis"], {"basis", "modes"})
+    assert "unknown rule 'bases'; did you mean 'basis'?" in said(
+        preflight.rules, ["bases"], {"basis", "modes"}
     )
-    done = subprocess.run([sys.executable, "-c", call, variable, tmp_path], capture_output=True, text=True)
-    assert done.returncode == 2
-    assert "still has 2 Slurm jobs in" in done.stderr
-    assert "`scancel 170 171`" in done.stderr
 
 
 # Compiled loops

@@ -7,7 +7,10 @@ import subprocess
 
 import pytest
 
-SINFO = "#!/bin/sh\necho 'cpu*|24000|(null)'\necho 'gpu|48000|gpu:2'\necho 'old|4000|(null)'\n"
+SINFO = (
+    "#!/bin/sh\necho 'cpu*|24000|(null)|infinite'\necho 'gpu|48000|gpu:2|1-00:00:00'\n"
+    "echo 'old|4000|(null)|30:00'\n"
+)
 
 
 @pytest.fixture

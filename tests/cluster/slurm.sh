@@ -6,6 +6,8 @@
 #   tests/cluster/slurm.sh stop      cancel its jobs and end its processes
 #   tests/cluster/slurm.sh kill N    end node N's slurmd and its jobs as a crash of the machine would
 #   tests/cluster/slurm.sh node N    start node N's slurmd (again)
+#   tests/cluster/slurm.sh away      end the controller, so that Slurm does not answer; its jobs go on
+#   tests/cluster/slurm.sh back      start the controller again
 #
 # Partitions: cpu (n1, n2) and gpu (n3, two stand-in devices). Memory limits are enforced by Slurm's accounting of processes.
 # A machine that has a Slurm of its own is left alone.
@@ -144,7 +146,9 @@ start)
     fail "The nodes did not come up (the logs' last words are above)."
     ;;
 stop) stop_all ;;
+away) kill "$(cat "$state/slurmctld.pid")" ;;
+back) slurmctld ;;
 kill) kill_node "$2" ;;
 node) start_node "$2" ;;
-*) fail "usage: tests/cluster/slurm.sh start | stop | kill NODE | node NODE" ;;
+*) fail "usage: tests/cluster/slurm.sh start | stop | kill NODE | node NODE | away | back" ;;
 esac

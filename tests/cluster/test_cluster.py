@@ -105,6 +105,23 @@ def test_a_lost_node_costs_no_run(cluster_run, expected):
 
 
 @pytest.mark.long
+def test_a_controller_that_is_started_anew_costs_no_run(cluster_run, expected):
+    """Jobs go on meanwhile, and the run asks on."""
+    process = cluster_run.start(*QUICK)
+    wait_for(lambda: running("grids"))
+    slurm_script("away")
+    try:
+        logs = cluster_run.folder / ".snakemake/log"
+        wait_for(
+            lambda: any("Slurm does not answer; the run" in log.read_text() for log in logs.glob("*.log"))
+        )
+    finally:
+        slurm_script("back")
+    assert process.wait(900) == 0
+    assert cluster_run.checksums() == expected
+
+
+@pytest.mark.long
 @pytest.mark.parametrize(("number", "end"), [(signal.SIGKILL, "COMPLETED"), (signal.SIGINT, "CANCELLED")])
 def test_a_main_process_that_ends_is_started_again(cluster_run, expected, number, end):
     """SIGINT cancels the jobs; after SIGKILL they go on, and a new run says so until they are done."""
@@ -168,6 +185,9 @@ def test_an_array_of_slices_and_its_join_give_the_bytes_of_one_run(slurm, root, 
         (["--default-resources", "slurm_partition=fast"], "Slurm has no partition 'fast'"),
         (["--set-resources", "basis:gpu=1"], "asks for a GPU, but the partition cpu has none; GPUs are in: gpu"),
         (["--set-resources", "basis:mem_mb=10000000"], "asks for 10000000 MB, but the largest node"),
+        (["--set-resources", "basis:runtime=9999"], "asks for 9999 min, but a job in the partition cpu may take 120"),
+        (["--set-resources", "basis:gpu=9", "basis:slurm_partition=gpu"], "no node of gpu has more than 2"),
+        (["--slurm-status-command", "sacct"], "this cluster keeps no accounts"),
     ],
 )  # fmt: skip
 def test_what_the_cluster_has_not_is_one_sentence_before_any_job(cluster_run, arguments, sentence):

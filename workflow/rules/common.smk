@@ -1,4 +1,5 @@
 # What every rule shares: the plan, the resource classes, the wildcards.
+import sys
 from functools import partial
 
 from vibraverse import many_jobs, preflight, targets
@@ -13,6 +14,8 @@ from vibraverse.stages import VERSIONS
 chosen = workflow.config_settings.overwrite_config if workflow.overwrite_configfiles else config
 
 many_jobs.prepare()
+if workflow.is_main_process:
+    preflight.stop_without(preflight.profile, sys.argv)
 
 plan = preflight.stop_without(Plan, chosen)
 paths = plan.paths

@@ -1,11 +1,19 @@
 # What a run needs of the machine, asked before its first job. Included last: every rule is known.
 from snakemake.settings.types import DeploymentMethod
 
+from vibraverse import slurm
 from vibraverse.guard import only_run
+
+slurm.be_patient()
 
 in_containers = DeploymentMethod.APPTAINER in workflow.deployment_settings.deployment_method
 if in_containers and workflow.is_main_process:
     preflight.stop_without(preflight.apptainer)
+preflight.stop_without(
+    preflight.rules,
+    workflow.resource_settings.overwrite_resources,
+    {*VERSIONS, *(rule.name for rule in workflow.rules)},
+)
 if plan.joins and workflow.is_main_process:
     preflight.stop_without(preflight.shards, targets.missing_shards(plan))
 
@@ -23,5 +31,9 @@ onstart:
         preflight.stop_without(preflight.local_gpus, [(job.rule.name, job.resources) for job in waiting])
     if workflow.executor_plugin.name == "slurm":
         preflight.stop_without(
-            preflight.slurm, [(job.rule.name, job.resources) for job in waiting if not job.is_local]
+            slurm.check,
+            [(job.rule.name, job.resources) for job in waiting if not job.is_local],
+            ".",
+            workflow.executor_settings,
+            1 + max((job.restart_times for job in waiting), default=0),
         )

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import yaml
 
-from vibraverse import preflight
+from vibraverse import containers, preflight, slurm
 from vibraverse.cli import UsageError
 from vibraverse.config import ConfigError, load
 from vibraverse.containers import PROJECT
@@ -196,8 +196,10 @@ def _checked(chosen: argparse.Namespace):
 def _ready(chosen: argparse.Namespace) -> None:
     """Check that Slurm has what is asked for, and that no earlier run works here."""
     try:
-        there, default = preflight.partitions()
-        preflight.no_earlier_jobs(Path.cwd())
+        there, default = slurm.partitions()
+        slurm.no_earlier_jobs(Path.cwd())
+        if _in_containers(chosen) and containers.binary():  # else each slice asks, on its node
+            preflight.images([image for family in containers.FAMILIES if (image := containers.image(family))])
     except preflight.NotThere as missing:
         raise UsageError(str(missing)) from None
     asked = [
@@ -208,13 +210,20 @@ def _ready(chosen: argparse.Namespace) -> None:
     for name in names.split(",") if names else []:
         if name not in there:
             raise UsageError(f"Slurm has no partition {name!r}; there are: {', '.join(sorted(there))}")
-        largest = there[name][0]
+        largest = there[name].memory_mb
         for job, memory_mb, remedy in asked:
             if largest < memory_mb:
                 raise UsageError(
                     f"{job} would ask for {memory_mb} MB, but the largest node of the partition {name} has "
                     f"{largest} MB; {remedy}"
                 )
+
+
+def _in_containers(chosen: argparse.Namespace) -> bool:
+    """Whether the profile has jobs run in images."""
+    profile = yaml.safe_load((chosen.profile / "config.yaml").read_text(encoding="utf-8")) or {}
+    asked = profile.get("software-deployment-method", profile.get("sdm", []))
+    return "apptainer" in ([asked] if isinstance(asked, str) else asked)
 
 
 def _sbatch(script: str, *options: str) -> str:

@@ -1,0 +1,96 @@
+"""What Snakemake itself takes while jobs run: its own CPU time, its threads, and jobs a second.
+
+python benchmarks/scheduling.py [OBJECTS] [--seconds 0.5] [--cores 8]
+
+Every stage is replaced by a shell script that sleeps and makes the files it is asked for, so that what is left is
+Snakemake with this workflow. Both sides in one run: as it is by itself, and with `vibraverse.many_jobs` and the default
+profile's `scheduler-subsample`, which is how the workflow runs it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+#: The script in place of `vibraverse`; whatever option names a path below results, makes it.
+STAGE = """\
+#!/bin/sh
+sleep {seconds}
+while [ $# -gt 1 ]; do
+  case "$1" in
+    --sounds|--views) mkdir -p "$2";;
+    --*) case "$2" in results/*) [ -e "$2" ] || {{ mkdir -p "$(dirname "$2")"; : > "$2"; }};; esac;;
+  esac
+  shift
+done
+"""
+#: Snakemake in a process that says at its end what it took; with an argument, nothing is spared.
+MEASURED = """\
+import os, resource, sys, threading, time
+from vibraverse import many_jobs
+if sys.argv.pop(1) == "alone":
+    many_jobs.prepare = many_jobs.planned = lambda: None
+most, began = [0], time.monotonic()
+def watch():
+    while True:
+        most[0] = max(most[0], threading.active_count())
+        time.sleep(0.2)
+threading.Thread(target=watch, daemon=True).start()
+from snakemake.cli import main
+try:
+    main()
+finally:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    print("measured", used.ru_utime + used.ru_stime, time.monotonic() - began, most[0])
+"""
+
+
+def run(folder: Path, how: str, cores: int) -> tuple[float, float, int]:
+    """Return CPU seconds of Snakemake's own process, wall seconds and the most threads."""
+    command = [
+        sys.executable, "-c", MEASURED, how, "--snakefile", str(ROOT / "Snakefile"), "--cores", str(cores),
+        "--workflow-profile", str(ROOT / "workflow/profiles/default"),
+        *(["--scheduler-subsample", "1000000"] if how == "alone" else []),
+    ]  # fmt: skip
+    path = os.pathsep.join([str(folder / "bin"), str(Path(sys.executable).parent), os.environ["PATH"]])
+    done = subprocess.run(
+        command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True
+    )
+    line = next((line for line in done.stdout.splitlines() if line.startswith("measured ")), None)
+    if done.returncode != 0 or line is None:
+        sys.exit(done.stdout[-2000:] + done.stderr[-2000:])
+    own, wall, threads = line.split()[1:]
+    return float(own), float(wall), int(threads)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("objects", type=int, nargs="?", default=100)
+    parser.add_argument("--seconds", type=float, default=0.5, help="that a job sleeps")
+    parser.add_argument("--cores", type=int, default=8)
+    chosen = parser.parse_args()
+    print("| Snakemake | jobs | CPU s of its own | ms a job | wall s | most threads |\n|" + 6 * " --- |")
+    for how in ("alone", "as the workflow runs it"):
+        with tempfile.TemporaryDirectory(prefix="vibraverse-scheduling-") as kept:
+            folder = Path(kept)
+            (folder / "config.yaml").write_text(
+                f"sources: {{generated: {{count: {chosen.objects}}}, bundled: []}}\n"
+            )
+            stage = folder / "bin/vibraverse"
+            stage.parent.mkdir()
+            stage.write_text(STAGE.format(seconds=chosen.seconds))
+            stage.chmod(0o755)
+            own, wall, threads = run(folder, how, chosen.cores)
+            jobs = sum(1 for _ in (folder / "results/benchmarks").rglob("*.tsv"))
+        print(
+            f"| {how} | {jobs:,} | {own:.1f} | {1000 * own / jobs:.1f} | {wall:.0f} | {threads} |", flush=True
+        )
+
+
+if __name__ == "__main__":
+    main()
