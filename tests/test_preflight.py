@@ -262,6 +262,26 @@ def test_a_missing_image_names_the_remedy(monkeypatch, tmp_path):
     preflight.images([containers.image("fem")])
 
 
+def test_meshes_that_images_do_not_see(bin_, tmp_path, monkeypatch):
+    """The stand-in sees what is bound, and says the rest, as the command in the image would."""
+    lines = [
+        'echo "$@" >> "$0.log"; bound=; while [ "$1" != sh ]; do [ "$1" = --bind ] && bound=$2; shift; done',
+        'shift 4; for file; do case "$file" in "${bound:-none}"/*) ;; *) echo "$file";; esac; done',
+    ]
+    stub(bin_, "apptainer", "\n".join(lines))
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    near = ["meshes/a.obj", work / "b.obj", "/tmp/c.obj"]
+    preflight.seen_in_images(near)
+    assert not (bin_ / "apptainer.log").exists()
+    sentence = said(preflight.seen_in_images, [*near, "/data/one/d.obj", "/data/one/e.obj"])
+    assert sentence.startswith("jobs in images do not see /data/one/")
+    assert "--apptainer-args '--bind /data/one'" in sentence
+    preflight.seen_in_images(["/data/one/d.obj"], "--nv --bind /data/one")
+    assert f"exec --home {work} --nv --bind /data/one" in (bin_ / "apptainer.log").read_text()
+
+
 @pytest.mark.parametrize(
     ("arguments", "there"),
     [

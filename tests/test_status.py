@@ -183,9 +183,14 @@ def test_only_some_of_many_running_jobs_are_named(plan, vibraverse, monkeypatch)
 
 
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not tell")
-def test_a_job_that_a_killed_run_left_is_seen(plan, vibraverse):
+@pytest.mark.parametrize("slurm_job", [None, "17"])
+def test_a_job_that_a_killed_run_left_is_seen(plan, vibraverse, slurm_job):
     log = begin(plan, "basis", 500)
-    with open(log, "a") as file, subprocess.Popen(["sleep", "20"], stdout=file, stderr=file) as job:
+    inside = {**os.environ, "SLURM_JOB_ID": slurm_job} if slurm_job else None
+    with (
+        open(log, "a") as file,
+        subprocess.Popen(["sleep", "20"], stdout=file, stderr=file, env=inside) as job,
+    ):
         for started in (None, time.time()):  # no run, or one that has not come to this job
             found = progress.survey(plan, started)
             assert [(work.log, work.orphan) for work in found.works] == [(log, job.pid)]
@@ -194,7 +199,7 @@ def test_a_job_that_a_killed_run_left_is_seen(plan, vibraverse):
         assert f", process {job.pid} of a run that is gone: {log}\n" in out
         assert (
             "No run works. 1 job of a run that is gone still computes: before the next run wait for its end, or end "
-            f"it with `kill {job.pid}`. Left: "
+            f"it with `{f'scancel {slurm_job}' if slurm_job else f'kill {job.pid}'}`. Left: "
         ) in out
         job.kill()
     assert progress.survey(plan, None).stopped == [log]

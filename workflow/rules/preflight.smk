@@ -27,6 +27,12 @@ onstart:
         preflight.stop_without(
             preflight.images, [job.container_img_url for job in waiting if job.container_img_url]
         )
+        named = [plan.objects[job.wildcards.object] for job in waiting if job.rule.name == "sources"]
+        preflight.stop_without(
+            preflight.seen_in_images,
+            [entry.input for entry in named if entry.input],
+            workflow.deployment_settings.apptainer_args,
+        )
     if workflow.executor_plugin.name == "local":
         preflight.stop_without(preflight.local_gpus, [(job.rule.name, job.resources) for job in waiting])
     if workflow.executor_plugin.name == "slurm":

@@ -7,6 +7,8 @@ can be known before is asked here, of the jobs that will run and nothing else.
 from __future__ import annotations
 
 import os
+import shlex
+import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import contextmanager
@@ -132,6 +134,31 @@ def _is_profile(value: str) -> bool:
     """Whether Snakemake finds a workflow's profile of this name."""
     places = Path(value), Path("profiles", value), containers.PROJECT / "profiles" / value
     return any(place.is_file() or list(place.glob("*.yaml")) for place in places)
+
+
+def seen_in_images(files: Iterable[str | Path], arguments: str = "") -> None:
+    """Check that jobs in images will see mesh files, of which one of each folder is looked for.
+
+    ``arguments`` are Apptainer's as the profile gives them. Snakemake makes the working folder the home of what runs in
+    an image, so that the user's own is not there.
+    """
+    near = Path.cwd(), Path("/tmp")
+    folders = {path.parent: str(path) for path in (Path(file).absolute() for file in files)}
+    looked_for = [
+        path for folder, path in sorted(folders.items()) if not any(map(folder.is_relative_to, near))
+    ]
+    image = containers.image("geometry")
+    if not looked_for or "://" in image:
+        return
+    command = [containers.binary(), "exec", "--home", str(near[0]), *shlex.split(arguments or ""), image]
+    script = 'for file; do [ -e "$file" ] || echo "$file"; done'
+    done = subprocess.run([*command, "sh", "-c", script, "sh", *looked_for], capture_output=True, text=True)
+    unseen = [path for path in looked_for if path in done.stdout.splitlines()]
+    if unseen:
+        raise NotThere(
+            f"jobs in images do not see {unseen[0]}: they see the working folder and /tmp; lend them its folder with "
+            f"--apptainer-args '--bind {Path(unseen[0]).parent}', or with apptainer-args in the profile"
+        )
 
 
 def shards(missing: list[str]) -> None:

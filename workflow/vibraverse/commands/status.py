@@ -7,6 +7,7 @@ import math
 import os
 import time
 from collections import Counter
+from pathlib import Path
 
 from vibraverse import guard
 from vibraverse.cli import UsageError
@@ -118,15 +119,33 @@ def _dataset(plan: Plan) -> str:
     return f"\ndataset: {there} of {len(shards)} shards, {ends}"
 
 
+def _ending(processes: list[int]) -> str:
+    """Return the commands that end processes, or the Slurm jobs that they are part of."""
+    jobs = {process: _slurm_job(process) for process in processes}
+    scancel = [*dict.fromkeys(filter(None, jobs.values()))]
+    kill = [str(process) for process, job in jobs.items() if not job]
+    commands = [f"`{name} {' '.join(ids)}`" for name, ids in (("scancel", scancel), ("kill", kill)) if ids]
+    return " and ".join(commands)
+
+
+def _slurm_job(process: int) -> str | None:
+    """Return the id of the Slurm job that a process of this machine belongs to."""
+    try:
+        variables = Path(f"/proc/{process}/environ").read_bytes().split(b"\0")
+    except OSError:
+        return None
+    return next((line[13:].decode() for line in variables if line.startswith(b"SLURM_JOB_ID=")), None)
+
+
 def _rest(found: Survey, means: dict[str, float], works: bool) -> str:
     """Return how long the rest takes, by the mean times of the jobs so far."""
     state = f"A run works, on {counted(found.running, 'job')} of objects." if works else "No run works."
-    orphans = [str(work.orphan) for work in found.works if work.orphan]
+    orphans = [work.orphan for work in found.works if work.orphan]
     if orphans:
         computes, its, it = ("computes", "its", "it") if len(orphans) == 1 else ("compute", "their", "them")
         state += (
             f" {counted(len(orphans), 'job')} of a run that is gone still {computes}: before the next run "
-            f"wait for {its} end, or end {it} with `kill {' '.join(orphans)}`."
+            f"wait for {its} end, or end {it} with {_ending(orphans)}."
         )
     if not sum(found.left().values()):
         return f"{state} No jobs of objects are left."
