@@ -127,9 +127,17 @@ def make_base(image: Path, base: str) -> None:
         if base == "debian":
             kind, where = "localimage", str(debian(Path(name)))
         elif not kind:
+            if not Path(base).exists():
+                raise Failed(
+                    f"BASE={base} does not exist; name an image or a folder of Debian 12, or BASE=debian."
+                )
             kind, where = "localimage", str(Path(base).absolute())
         values = {"BOOTSTRAP": kind, "FROM": where, "STAGED": str(containers.PROJECT)}
-        apptainer_build(image, "base.def", *arguments(**values, SYSTEM=checksum.hexdigest()))
+        try:
+            apptainer_build(image, "base.def", *arguments(**values, SYSTEM=checksum.hexdigest()))
+        except Failed as failed:
+            elsewhere = "Where no registry of images is reached, BASE=debian builds from this machine's apt."
+            raise Failed(f"{failed}\n{elsewhere}" if kind == "docker" else str(failed)) from None
 
 
 def make_family(image: Path, base: Path, family: str) -> None:
