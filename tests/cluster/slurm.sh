@@ -84,6 +84,7 @@ start_munge() {
     install -d -o munge -g munge -m 755 /run/munge
     [ -s /etc/munge/munge.key ] || install -o munge -g munge -m 400 <(head -c 128 /dev/urandom) /etc/munge/munge.key
     setpriv --reuid munge --regid munge --init-groups munged
+    touch "$state/munge-is-ours"
 }
 
 start_node() {
@@ -123,6 +124,7 @@ stop_all() {
         for _ in {1..50}; do kill -0 "$pid" 2>/dev/null || break; sleep 0.1; done
         rm -f "$file"
     done
+    if [ -e "$state/munge-is-ours" ]; then pkill -x -u munge munged || true; fi
     rm -rf "$state"
     if grep -qsF "$mark" "$conf"; then rm -f "$conf" /etc/slurm/gres.conf; fi
 }
