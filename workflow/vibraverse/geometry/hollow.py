@@ -180,7 +180,8 @@ def deepest_point(surface: Mesh, closest: ClosestPoint, distance: np.ndarray) ->
             depth[unsure] *= np.where(contains(*surface, centres[unsure]), 1.0, -1.0)
         if depth.max() > best:
             best, where = float(depth.max()), centres[depth.argmax()]
-        promising = depth > best - np.sqrt(3) * half
+        # Around the centre of a ball all are shallower by just so much, and rounding may say more.
+        promising = depth > min(best - np.sqrt(3) * half, np.nextafter(depth.max(), -1))
         centres, depth = centres[promising], depth[promising]
     return -best, where
 
