@@ -15,7 +15,7 @@ from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.clean import clean
 from vibraverse.geometry.closest import ClosestPoint
 from vibraverse.geometry.crossing import crossing_faces
-from vibraverse.geometry.grids import Sampler
+from vibraverse.geometry.grids import Sampler, cell_centres
 from vibraverse.geometry.hollow import deepest_point, hollow
 from vibraverse.refusal import Refused, read_refusal
 from vibraverse.seeds import rng
@@ -100,6 +100,26 @@ def test_the_deepest_point_is_found_below_the_grid():
     s_min, point = deepest(vertices, faces)
     assert s_min == pytest.approx(-0.25, abs=1e-5)
     assert point[2] == pytest.approx(0.0137, abs=1e-4)
+
+
+def test_the_centre_of_a_ball_ends_no_search():
+    """All around are shallower by just as much as a cell may be that holds nothing deeper, but for rounding."""
+    random, n = rng("t", "ball"), 16
+    places = np.stack(np.meshgrid(*[cell_centres(n)] * 3, indexing="ij"), axis=-1)
+    for _ in range(20):
+        cell = 1 / n / 2 ** random.integers(1, 9)
+        centre = cell * (2 * random.integers(-0.25 / cell, 0.25 / cell, 3) + 1)
+        radius = random.uniform(0.3, 0.5)
+
+        class Ball:
+            def distance(self, points, centre=centre, radius=radius):
+                return np.abs(radius - np.linalg.norm(points - centre, axis=1))
+
+        s_min, deepest = deepest_point(
+            (None, None), Ball(), np.linalg.norm(places - centre, axis=-1) - radius
+        )
+        assert s_min == pytest.approx(-radius, abs=1e-12)
+        assert deepest == pytest.approx(centre, abs=1e-12)
 
 
 def test_the_deepest_point_of_a_body_full_of_creases_is_found():

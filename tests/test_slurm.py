@@ -129,7 +129,9 @@ def test_a_cluster_without_accounts(cluster):
     slurm.check([], ".", settings)
     stub(cluster, "sacct", "echo 'Slurm accounting storage is disabled' >&2; exit 1")
     sentence = said(slurm.check, [], ".", settings)
-    assert "keeps no accounts (sacct: Slurm accounting storage is disabled)" in sentence
+    assert (
+        "keeps no accounts, or they do not answer (sacct: Slurm accounting storage is disabled)" in sentence
+    )
     assert "write slurm-status-command: squeue and" in sentence
     settings.status_command = "squeue"
     stub(cluster, "scontrol", "echo 'MinJobAge               = 300 sec'")

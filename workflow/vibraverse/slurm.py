@@ -105,10 +105,10 @@ def _ends_are_known(settings) -> None:
         return
     if settings.status_command == "sacct":
         raise NotThere(
-            f"this cluster keeps no accounts (sacct: {_last_words(accounts)}), so that the run would never learn that "
-            f"a job has ended; write {_ASKING_QUEUE} into the profile"
+            f"this cluster keeps no accounts, or they do not answer (sacct: {_last_words(accounts)}), so that the run "
+            f"would never learn that a job has ended; write {_ASKING_QUEUE} into the profile"
         )
-    kept = re.search(r"^MinJobAge\s*=\s*(\d+)", _run("scontrol", "show", "config").stdout, re.MULTILINE)
+    kept = re.search(r"^MinJobAge\s*=\s*(\d+)", _ask("scontrol", "show", "config"), re.MULTILINE)
     first = settings.init_seconds_before_status_checks or _FIRST_LOOK_S
     if kept and int(kept[1]) < 3 * first:
         raise NotThere(

@@ -58,7 +58,9 @@ def parser() -> argparse.ArgumentParser:
         metavar="MB",
         help=f"memory of each (default {CORE_MB} per core, and Snakemake's own)",
     )
-    p.add_argument("--configfile", "--config", default="config.yaml", metavar="FILE", help="default %(default)s")
+    p.add_argument(
+        "--configfile", "--config", default="config.yaml", metavar="FILE", help="default %(default)s"
+    )
     p.add_argument(
         "--profile",
         type=Path,
