@@ -113,9 +113,7 @@ def rules(named: Iterable[str], known: Iterable[str]) -> None:
     """Check that the rules whose resources a profile sets exist: Snakemake passes over others."""
     for name in named:
         if name not in known:
-            raise NotThere(
-                f"resources are set for an {unknown('rule', name, sorted(known))}; set-resources names it"
-            )
+            raise NotThere(f"set-resources names an {unknown('rule', name, sorted(known))}")
 
 
 def profile(arguments: Sequence[str]) -> None:
