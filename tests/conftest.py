@@ -68,3 +68,12 @@ def vibraverse(capfd, monkeypatch):
         return status, out, err
 
     return call
+
+
+@pytest.fixture
+def bin_(tmp_path, monkeypatch):
+    """The only folder of the PATH besides the system's own tools."""
+    folder = tmp_path / "bin"
+    folder.mkdir()
+    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
+    return folder

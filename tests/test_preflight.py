@@ -13,34 +13,12 @@ from pathlib import Path
 import pytest
 import yaml
 
+from stand_ins import said, stub
 from vibraverse import compiled, containers, preflight
 from vibraverse.plan import Plan
 from workflow_runs import Run
 
 PROFILES = ("default", "apptainer", "slurm", "slurm-apptainer", "kubernetes")
-
-
-def stub(folder, name: str, text: str) -> None:
-    """Put a command into a folder of the PATH."""
-    (folder / name).write_text(f"#!/bin/sh\n{text}\n")
-    (folder / name).chmod(0o755)
-
-
-@pytest.fixture
-def bin_(tmp_path, monkeypatch):
-    """The only folder of the PATH besides the system's own tools."""
-    folder = tmp_path / "bin"
-    folder.mkdir()
-    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
-    return folder
-
-
-def said(check, *arguments) -> str:
-    """Return a check's sentence, which must be one."""
-    with pytest.raises(preflight.NotThere) as found:
-        check(*arguments)
-    assert "\n" not in str(found.value)
-    return str(found.value)
 
 
 # Rules and profiles

@@ -9,22 +9,8 @@ import types
 
 import pytest
 
-from vibraverse import preflight, slurm
-
-
-def stub(folder, name: str, text: str) -> None:
-    """Put a command into a folder of the PATH."""
-    (folder / name).write_text(f"#!/bin/sh\n{text}\n")
-    (folder / name).chmod(0o755)
-
-
-@pytest.fixture
-def bin_(tmp_path, monkeypatch):
-    """The only folder of the PATH besides the system's own tools."""
-    folder = tmp_path / "bin"
-    folder.mkdir()
-    monkeypatch.setenv("PATH", f"{folder}:/usr/bin:/bin")
-    return folder
+from stand_ins import said, stub
+from vibraverse import slurm
 
 
 @pytest.fixture
@@ -33,14 +19,6 @@ def cluster(bin_):
     stub(bin_, "sinfo", "echo 'cpu*|64000|(null)|2:00:00'; echo 'gpu|32000|gpu:a100:2(S:0-1)|infinite'")
     stub(bin_, "squeue", "true")
     return bin_
-
-
-def said(check, *arguments) -> str:
-    """Return a check's sentence, which must be one."""
-    with pytest.raises(preflight.NotThere) as found:
-        check(*arguments)
-    assert "\n" not in str(found.value)
-    return str(found.value)
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,21 @@
+"""Commands that stand in for a machine's, and what a check of them says."""
+
+from __future__ import annotations
+
+import pytest
+
+from vibraverse import preflight
+
+
+def stub(folder, name: str, text: str) -> None:
+    """Put a command into a folder of the PATH."""
+    (folder / name).write_text(f"#!/bin/sh\n{text}\n")
+    (folder / name).chmod(0o755)
+
+
+def said(check, *arguments) -> str:
+    """Return a check's sentence, which must be one."""
+    with pytest.raises(preflight.NotThere) as found:
+        check(*arguments)
+    assert "\n" not in str(found.value)
+    return str(found.value)
