@@ -136,8 +136,10 @@ def make_base(image: Path, base: str) -> None:
         try:
             apptainer_build(image, "base.def", *arguments(**values, SYSTEM=checksum.hexdigest()))
         except Failed as failed:
+            if kind != "docker":
+                raise
             elsewhere = "Where no registry of images is reached, BASE=debian builds from this machine's apt."
-            raise Failed(f"{failed}\n{elsewhere}" if kind == "docker" else str(failed)) from None
+            raise Failed(f"{failed}\n{elsewhere}") from None
 
 
 def make_family(image: Path, base: Path, family: str) -> None:

@@ -93,6 +93,17 @@ def test_more_time_with_every_attempt_is_said_and_no_error(cluster, capsys):
 
 
 @pytest.mark.parametrize(
+    ("gres", "count"),
+    [
+        ("(null)", 0), ("gpu", 1), ("gpu:2", 2), ("gpu:tesla:4(S:0-1)", 4), ("gpu:1g.5gb", 1),
+        ("shard:8,gpu:a100:2(S:0,1)", 2), ("gpu:a100:2,gpu:1g.5gb:7(S:0)", 9),
+    ],
+)  # fmt: skip
+def test_gpus_of_a_node(gres, count):
+    assert slurm._gpus(gres) == count
+
+
+@pytest.mark.parametrize(
     ("limit", "minutes"),
     [("infinite", None), ("n/a", None), ("30:00", 30), ("2:00:00", 120), ("1-12:00:00", 2160), ("5", 5 / 60)],
 )

@@ -152,11 +152,18 @@ def partitions() -> tuple[dict[str, Partition], str | None]:
         if name.endswith("*"):
             name = default = name[:-1]
         old = found.get(name, Partition())
-        gpus = sum(map(int, re.findall(r"\bgpu(?::[^,:()]+)?:(\d+)", gres)))
         found[name] = Partition(
-            max(old.memory_mb, int(memory.rstrip("+"))), max(old.gpus, gpus), _minutes(limit)
+            max(old.memory_mb, int(memory.rstrip("+"))), max(old.gpus, _gpus(gres)), _minutes(limit)
         )
     return found, default
+
+
+def _gpus(gres: str) -> int:
+    """Return how many GPUs are in ``gpu:type:2(S:0-1),…``, of which type, number and sockets may be missing."""
+    devices = [device.split(":") for device in re.sub(r"\([^)]*\)", "", gres).split(",")]
+    return sum(
+        int(rest[-1]) if rest and rest[-1].isdigit() else 1 for kind, *rest in devices if kind == "gpu"
+    )
 
 
 def _minutes(limit: str) -> float | None:
