@@ -24,7 +24,7 @@ NOT_ENTERED = (
     "vibraverse.config",
     "vibraverse.dataset.pytorch",
     "vibraverse.dataset.validator",
-    "vibraverse.warm",
+    "vibraverse.warm_process",
 )
 
 

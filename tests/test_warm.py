@@ -22,9 +22,9 @@ COMMANDS = Path(sys.executable).parent
 
 #: A warm process in a new one, as users have it: a fork of this one would have the memory of all earlier tests.
 PROGRAM = """
-from vibraverse import warm
-warm._LIBRARIES = tuple(name for name in warm._LIBRARIES if "clean" in name or "families" in name)
-with warm.Warm() as running:
+from vibraverse import warm_process
+warm_process._LIBRARIES = ()
+with warm_process.Warm() as running:
     print(running.address, running.process, flush=True)
     input()
 """
@@ -152,8 +152,7 @@ def test_a_job_dies_with_its_command(process, tmp_path):
     assert sources(tmp_path, environment).returncode == 0  # the warm process has imported
     wait_for(lambda: not children(running.process))
     command = subprocess.Popen(clean(), cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL)
-    keeper = wait_for(lambda: children(running.process))[0]
-    job = wait_for(lambda: children(int(keeper)))[0]
+    job = wait_for(lambda: children(running.process))[0]
     os.kill(int(job), signal.SIGSTOP)  # so that it cannot end by itself
     command.kill()
     command.wait()

@@ -6,12 +6,10 @@ settings stand before any numerical library starts.
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import itertools
 import os
 import sys
-from pathlib import Path
 
 from vibraverse import __version__
 from vibraverse.compiled import use_compiled_loops
@@ -158,6 +156,9 @@ def asked_threads(argv: list[str]) -> str:
 
 
 def _run_stage(name: str, argv: list[str], command: list[str]) -> int:
+    import argparse
+    from pathlib import Path
+
     from vibraverse.config import ConfigError, validate
     from vibraverse.stage import Job, run
 

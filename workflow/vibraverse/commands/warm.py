@@ -8,7 +8,8 @@ import subprocess
 import sys
 
 from vibraverse.cli import UsageError
-from vibraverse.warm import VARIABLE, Warm
+from vibraverse.warm import VARIABLE
+from vibraverse.warm_process import Warm
 
 
 def main(argv: list[str]) -> int:

@@ -122,7 +122,7 @@ def render_views(vertices, faces, views: list[View], looks: list[str], size_px: 
     ``vertices`` (V, 3) and outward ``faces`` (F, 3) may be anywhere; the middle of the bounding box is the
     middle of the picture. Raises RuntimeError when the machine offers no off-screen renderer or it draws nothing.
     """
-    _choose_window()
+    choose_window()
     import pyvista
 
     vertices = np.asarray(vertices, dtype=np.float64)
@@ -178,7 +178,7 @@ def _renderer_name(description: str) -> str:
     return next((name.strip() for _, found, name in lines if found), "unknown")
 
 
-def _choose_window() -> None:
+def choose_window() -> None:
     """Tell VTK how to draw without a screen, before it first does: in memory, or through EGL."""
     if os.environ.get(_WINDOW_VARIABLE):
         return

@@ -29,10 +29,14 @@ class Family:
     category: str
     source: str
 
+    @property
+    def module(self) -> str:
+        """The module that the family is in."""
+        return f"vibraverse.sources.families_{self.source.partition(':')[0]}"
+
     def load(self) -> type[Shape]:
         """Import and return the dataclass of the family's parameters."""
-        module, name = self.source.split(":")
-        return getattr(importlib.import_module(f"vibraverse.sources.families_{module}"), name)
+        return getattr(importlib.import_module(self.module), self.source.partition(":")[2])
 
 
 #: Family name -> family. Generated objects take turns in this order.

@@ -1,0 +1,239 @@
+"""A warm process that jobs are forked from, so that they find every library imported.
+
+A job of a small object computes for a fraction of a second, and Python takes a second or more to start and import
+what it computes with. :class:`Warm` starts one process that imports everything once and listens; a stage's command
+that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its own input, output and environment,
+and waits. The job is the same: the log, the limits, the products. Where nothing listens, or the command comes
+from another installation or wants more threads, it works by itself.
+
+The warm process forks a job for each command. It tells the command the job's exit status, and kills the job when the
+command is gone.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import os
+import select
+import shutil
+import signal
+import socket
+import sys
+import tempfile
+import traceback
+
+from vibraverse import warm
+from vibraverse.cli import ROUNDING, STAGES, main, set_threads
+from vibraverse.limits import die_with
+from vibraverse.sources.families import FAMILIES
+
+#: What stages import when they work. Names that the environment lacks are passed over.
+_LIBRARIES = (
+    "vibraverse.geometry.clean", "vibraverse.geometry.distance", "vibraverse.geometry.grids",
+    "vibraverse.geometry.hollow", "vibraverse.geometry.tets", "vibraverse.meshfiles", "vibraverse.modesfile",
+    "vibraverse.physics.basis", "vibraverse.physics.impulse", "vibraverse.physics.modes", "vibraverse.physics.shapes",
+    "vibraverse.media.audio", "vibraverse.media.images",
+    "gmsh", "h5py", "manifold3d", "meshio", "mmgpy", "open3d", "PIL.Image", "pymeshlab", "pypardiso",
+    "pyvista.plotting", "scipy.interpolate", "scipy.ndimage", "scipy.optimize", "skfem", "soundfile",
+    "vtkmodules.vtkFiltersCore", "vtkmodules.vtkInteractionWidgets", "vtkmodules.vtkViewsContext2D",
+)  # fmt: skip
+#: How long the end of a run waits for the warm process, which has jobs only where their commands outlive the run.
+_GRACE_S = 2.0
+_GONE = select.POLLHUP | select.POLLERR | select.POLLRDHUP
+
+
+class Warm:
+    """A context in which a warm process listens at ``address``."""
+
+    def __enter__(self) -> Warm:
+        """Start the process; it imports while the first commands wait."""
+        self._folder = tempfile.mkdtemp(prefix="vibraverse-warm-")
+        self.address = os.path.join(self._folder, "socket")
+        listening = socket.socket(socket.AF_UNIX)
+        listening.bind(self.address)
+        listening.listen(64)
+        # The process ends when nobody holds the writing end any more, however this one ends.
+        reading, self._held = os.pipe()
+        sys.stdout.flush()
+        sys.stderr.flush()
+        self.process = os.fork()
+        if self.process == 0:
+            try:
+                os.close(self._held)
+                _prepare()
+                _Server(listening, reading).serve()
+            except BaseException:
+                traceback.print_exc()
+            finally:
+                os._exit(0)
+        listening.close()
+        os.close(reading)
+        return self
+
+    def __exit__(self, *_) -> None:
+        """End the process; jobs that still run go on to their end."""
+        os.close(self._held)
+        watched = os.pidfd_open(self.process)
+        if select.select([watched], [], [], _GRACE_S)[0]:
+            os.waitpid(self.process, 0)
+        os.close(watched)
+        shutil.rmtree(self._folder, ignore_errors=True)
+
+
+def _prepare() -> None:
+    """Import what jobs need, and let libraries do what they do when they are first used."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    set_threads(1)
+    stages = [f"vibraverse.stages.{name}" for name in STAGES]
+    families = {family.module for family in FAMILIES.values()}
+    for name in (*stages, *sorted(families), *_LIBRARIES):
+        with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
+            importlib.import_module(name)
+    for load in (_load_compiled_loops, _load_solver, _load_renderer):
+        with contextlib.suppress(Exception):
+            load()
+    gc.collect()
+    gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
+
+
+def _load_compiled_loops() -> None:
+    """Use each loop on a tetrahedron: Numba loads it from its cache when it is first called."""
+    import numpy as np
+
+    from vibraverse.geometry.clean import clean
+    from vibraverse.geometry.distance import grid_distance
+
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    body = clean(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+    grid_distance(body.vertices, body.faces, *[np.linspace(-0.9, 0.9, 8)] * 3)
+
+
+def _load_solver() -> None:
+    """Solve a small system: MKL loads the loops of this processor when it first works."""
+    from vibraverse.physics.factorisation import load
+
+    load()
+
+
+def _load_renderer() -> None:
+    """Load the library that draws, and with it a compiler. Nothing is drawn: that would start threads."""
+    from vibraverse.media.images import choose_window
+
+    choose_window()
+
+
+class _Server:
+    """Forks a job for every command that connects, until ``run_ends`` tells that the run is over and no job is left."""
+
+    def __init__(self, listening: socket.socket, run_ends: int):
+        self._listening, self._run_ends = listening, run_ends
+        self._identity = warm.identity()
+        self._poll = select.poll()
+        self._poll.register(listening, select.POLLIN)
+        self._poll.register(run_ends, _GONE)
+        self._connections: dict[
+            int, tuple[socket.socket, int, int]
+        ] = {}  # and the job's number and descriptor
+        self._jobs: dict[int, int] = {}  # a job's descriptor -> that of its connection
+
+    def serve(self) -> None:
+        """Work until the run is over."""
+        open_ = True
+        while open_ or self._jobs:
+            for descriptor, _ in self._poll.poll():
+                if descriptor == self._run_ends:
+                    open_ = False
+                    self._poll.unregister(self._run_ends)
+                    self._poll.unregister(self._listening)
+                    self._listening.close()  # who has connected and was not taken yet works by itself
+                elif descriptor in self._jobs:
+                    self._end(descriptor)
+                elif descriptor in self._connections:  # the command is gone
+                    self._poll.unregister(descriptor)
+                    os.kill(self._connections[descriptor][1], signal.SIGKILL)
+                elif open_:
+                    self._begin()
+
+    def _begin(self) -> None:
+        """Fork the job of the next command."""
+        connection, _ = self._listening.accept()
+        server = os.getpid()
+        try:
+            job = os.fork()
+        except OSError:  # no memory, or too many processes: the command works by itself, or fails by itself
+            self._answer(connection, warm.DECLINED)
+            return
+        if job == 0:
+            status = 1
+            try:
+                die_with(server)
+                self._close()
+                status = _work(connection, self._identity)
+            finally:
+                os._exit(status)
+        watched = os.pidfd_open(job)
+        self._connections[connection.fileno()] = connection, job, watched
+        self._jobs[watched] = connection.fileno()
+        self._poll.register(connection, _GONE)
+        self._poll.register(watched, select.POLLIN)
+
+    def _end(self, watched: int) -> None:
+        """Tell the command how its job ended."""
+        descriptor = self._jobs.pop(watched)
+        connection, job, _ = self._connections.pop(descriptor)
+        self._poll.unregister(watched)
+        with contextlib.suppress(KeyError):  # the command is gone
+            self._poll.unregister(descriptor)
+        os.close(watched)
+        code = os.waitstatus_to_exitcode(os.waitpid(job, 0)[1])
+        self._answer(connection, code if code >= 0 else 128 - code)
+
+    @staticmethod
+    def _answer(connection: socket.socket, status: int) -> None:
+        with connection, contextlib.suppress(OSError):
+            connection.sendall(str(status).encode())
+
+    def _close(self) -> None:
+        """Close, in a job, what is the server's: a command waits until nobody holds its connection."""
+        self._listening.close()
+        os.close(self._run_ends)
+        for connection, _, watched in self._connections.values():
+            connection.close()
+            os.close(watched)
+
+
+def _work(connection: socket.socket, identity: list[str]) -> int:
+    """Do a command as its own process would; return its exit status."""
+    with connection:
+        head, files, _, _ = socket.recv_fds(connection, warm.LENGTH.size, 3)
+        message = connection.makefile("rb").read(warm.LENGTH.unpack(head)[0])
+    try:
+        theirs, folder, mask, argv, environment = warm.understood(message)
+    except ValueError:
+        return warm.DECLINED
+    rounding = {name: environment.get(name, os.environ.get(name)) for name in ROUNDING}
+    if theirs != identity or rounding != {name: os.environ.get(name) for name in ROUNDING}:
+        return warm.DECLINED
+    for number, file in enumerate(files):
+        os.dup2(file, number)
+        os.close(file)
+    sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
+    sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
+    os.chdir(folder)
+    os.umask(mask)
+    os.environ.clear()
+    os.environ.update(environment)
+    os.environ.pop(warm.VARIABLE, None)
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        status = main(argv)
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    except BaseException:
+        traceback.print_exc()
+        status = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    return status
