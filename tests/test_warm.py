@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -27,6 +29,23 @@ warm_process._LIBRARIES = ()
 with warm_process.Warm() as running:
     print(running.address, running.process, flush=True)
     input()
+"""
+
+
+#: Repeats commands in forks of a warm process, limited children as plain calls, and tells what each had to import.
+IMPORTS = """
+import json, os, sys
+from vibraverse import cli, limits, warm_process
+limits.run_limited = lambda function, *arguments, **_: function(*arguments)
+warm_process._prepare()
+print(json.dumps({"threads": len(os.listdir("/proc/self/task"))}), flush=True)
+for command in json.load(sys.stdin):
+    if os.fork() == 0:
+        had = set(sys.modules)
+        status = cli.main(command)
+        print(json.dumps({"stage": command[0], "status": status, "new": sorted(set(sys.modules) - had)}), flush=True)
+        os._exit(0)
+    os.wait()
 """
 
 
@@ -159,6 +178,65 @@ def test_a_job_dies_with_its_command(process, tmp_path):
     wait_for(lambda: not children(running.process))
     assert not Path("/proc", job).exists()
     assert not (tmp_path / "surface.ply").exists()
+
+
+def test_a_job_outlives_the_run_and_the_warm_process_goes_with_it(tmp_path):
+    pipe = subprocess.PIPE
+    parent = subprocess.Popen([sys.executable, "-c", PROGRAM], stdin=pipe, stdout=pipe, text=True)
+    address, number = parent.stdout.readline().split()
+    environment = {
+        **os.environ,
+        "PATH": f"{COMMANDS}{os.pathsep}{os.environ['PATH']}",
+        warm.VARIABLE: address,
+    }
+    assert sources(tmp_path, environment).returncode == 0
+    wait_for(lambda: not children(int(number)))
+    command = subprocess.Popen(clean(), cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL)
+    job = int(wait_for(lambda: children(int(number)))[0])
+    os.kill(job, signal.SIGSTOP)
+    parent.kill()
+    parent.wait()
+    wait_for(lambda: warm.ask(address, ["sources"]) is None)  # nobody is taken any more
+    os.kill(job, signal.SIGCONT)
+    assert command.wait() == 0
+    assert (tmp_path / "surface.ply").is_file()
+    wait_for(lambda: not Path("/proc", number).exists())
+
+
+def test_jobs_import_nothing_that_the_warm_process_could_have(finished, tmp_path):
+    folder = shutil.copytree(finished.folder, tmp_path / "run")
+    logs = [log for log in folder.glob("results/logs/*/*.log") if log.parent.name == "bar-0000"]
+    commands = {
+        log.name.split(".")[0]: shlex.split(log.read_text().splitlines()[0])[1:] for log in sorted(logs)
+    }
+    assert set(commands) >= {
+        "sources",
+        "clean",
+        "grids",
+        "hollow",
+        "tets",
+        "basis",
+        "modes",
+        "audio",
+        "images",
+    }
+    done = subprocess.run(
+        [sys.executable, "-c", IMPORTS], input=json.dumps(list(commands.values())), cwd=folder,
+        env=finished.environment, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    threads, *jobs = (json.loads(line) for line in done.stdout.splitlines() if line.startswith("{"))
+    assert threads == {"threads": 1}  # a fork would wait for the others
+    assert {job["stage"]: (job["status"], job["new"]) for job in jobs} == dict.fromkeys(commands, (0, []))
+
+
+def test_what_is_asked_is_understood(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("ODD", "a=b\nc\udcff")
+    argv = ["sources", "", "--options", '{"a": "é"}', "a=b"]
+    identity, folder, mask, asked, environment = warm.understood(warm.request(argv))
+    assert (identity, folder, asked) == (warm.identity(), str(tmp_path), argv)
+    assert environment == dict(os.environ)
+    assert mask == os.umask(mask)
 
 
 def test_the_command_runs_another_and_passes_its_exit_status_on(tmp_path):

@@ -31,11 +31,11 @@ from vibraverse.sources.families import FAMILIES
 
 #: What stages import when they work. Names that the environment lacks are passed over.
 _LIBRARIES = (
-    "vibraverse.geometry.clean", "vibraverse.geometry.distance", "vibraverse.geometry.grids",
+    "vibraverse.basisfile", "vibraverse.geometry.clean", "vibraverse.geometry.distance", "vibraverse.geometry.grids",
     "vibraverse.geometry.hollow", "vibraverse.geometry.tets", "vibraverse.meshfiles", "vibraverse.modesfile",
     "vibraverse.physics.basis", "vibraverse.physics.impulse", "vibraverse.physics.modes", "vibraverse.physics.shapes",
-    "vibraverse.media.audio", "vibraverse.media.images",
-    "gmsh", "h5py", "manifold3d", "meshio", "mmgpy", "open3d", "PIL.Image", "pymeshlab", "pypardiso",
+    "vibraverse.media.audio", "vibraverse.media.images", "vibraverse.tetfiles",
+    "gmsh", "h5py", "manifold3d", "meshio", "mmgpy", "open3d", "pymeshlab", "pypardiso",
     "pyvista.plotting", "scipy.interpolate", "scipy.ndimage", "scipy.optimize", "skfem", "soundfile",
     "vtkmodules.vtkFiltersCore", "vtkmodules.vtkInteractionWidgets", "vtkmodules.vtkViewsContext2D",
 )  # fmt: skip
@@ -118,8 +118,12 @@ def _load_solver() -> None:
 
 
 def _load_renderer() -> None:
-    """Load the library that draws, and with it a compiler. Nothing is drawn: that would start threads."""
+    """Load what draws, and with it a compiler, and what writes. Nothing is drawn: that would start threads."""
+    from PIL import Image
+
     from vibraverse.media.images import choose_window
+
+    Image.preinit()
 
     choose_window()
 
@@ -147,7 +151,9 @@ class _Server:
                     open_ = False
                     self._poll.unregister(self._run_ends)
                     self._poll.unregister(self._listening)
-                    self._listening.close()  # who has connected and was not taken yet works by itself
+                    # A job that was just forked may hold it, too. Commands that wait there work by themselves.
+                    self._listening.shutdown(socket.SHUT_RDWR)
+                    self._listening.close()
                 elif descriptor in self._jobs:
                     self._end(descriptor)
                 elif descriptor in self._connections:  # the command is gone
