@@ -2,9 +2,10 @@
 
 python benchmarks/overhead.py [OBJECTS] [--only plain|warm] [--repeat OBJECTS]
 
-Runs the whole workflow on compact generated objects with one core, by itself and under `vibraverse warm`, then repeats
-the command of every job, as its log states it, in one process in which everything is imported and compiled already and
-child processes are plain calls. What that takes is called useful computing here; the rest of a run's time is overhead.
+Runs the whole workflow on compact generated objects with one core, every job started anew (plain) and as forks of a
+process that has imported (warm, the default), then repeats the command of every job, as its log states it, in one
+process in which everything is imported and compiled already and child processes are plain calls. What that takes is
+called useful computing here; the rest of a run's time is overhead.
 With --repeat only the jobs of so many objects, chosen at random, are repeated, and their mean stands for all.
 Times are CPU seconds of all processes, so that other work on the machine distorts them little; waiting for the disk is
 not in them.
@@ -14,6 +15,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import ctypes
 import io
 import os
 import random
@@ -24,6 +26,7 @@ import tempfile
 from collections import Counter, defaultdict
 from pathlib import Path
 
+_PR_SET_CHILD_SUBREAPER = 36
 ROOT = Path(__file__).resolve().parent.parent
 CONFIG = """\
 sources: {{generated: {{count: {count}, families: [bar, blob, ring, pawn]}}, bundled: []}}
@@ -33,17 +36,21 @@ images: {{looks: [clay]}}
 """
 
 
-def snakemake(folder: Path, prefix: tuple[str, ...]) -> float:
-    """Run the workflow; return the CPU seconds of all its processes."""
+def snakemake(folder: Path, variables: dict[str, str]) -> float:
+    """Run the workflow; return the CPU seconds of all its processes, those that outlive it included."""
+    ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     command = [
-        *prefix, sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--cores", "1",
+        sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--cores", "1",
         "--workflow-profile", str(ROOT / "workflow/profiles/default"),
     ]  # fmt: skip
     before = cpu_s()
     done = subprocess.run(
-        command, cwd=folder, env={**os.environ, "PATH": path}, capture_output=True, text=True
+        command, cwd=folder, env={**os.environ, "PATH": path, **variables}, capture_output=True, text=True
     )
+    with contextlib.suppress(ChildProcessError):
+        while True:
+            os.wait()
     if done.returncode != 0:
         sys.exit(done.stdout + done.stderr)
     return cpu_s() - before
@@ -112,7 +119,7 @@ def main() -> None:
         "--repeat", type=int, metavar="OBJECTS", help="repeat the jobs of so many (default: all)"
     )
     chosen = parser.parse_args()
-    runs = {"plain": (), "warm": (str(Path(sys.executable).with_name("vibraverse")), "warm")}
+    runs = {"plain": {"VIBRAVERSE_WARM": ""}, "warm": {}}
     totals = {}
     with tempfile.TemporaryDirectory(prefix="vibraverse-overhead-") as kept:
         for name in [chosen.only] if chosen.only else runs:

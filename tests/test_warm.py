@@ -22,13 +22,15 @@ from vibraverse.meshfiles import write_ply
 COMMANDS = Path(sys.executable).parent
 
 
-#: A warm process in a new one, as users have it: a fork of this one would have the memory of all earlier tests.
+#: What a run does before its first job, and its end.
 PROGRAM = """
-from vibraverse import warm_process
-warm_process._LIBRARIES = ()
-with warm_process.Warm() as running:
-    print(running.address, running.process, flush=True)
-    input()
+import os
+from vibraverse import warm, warm_process
+warm_process.keep_warm(9)
+assert warm.VARIABLE not in os.environ
+warm_process.keep_warm(10)
+print(os.environ[warm.VARIABLE], flush=True)
+input()
 """
 
 
@@ -37,7 +39,8 @@ IMPORTS = """
 import json, os, sys
 from vibraverse import cli, limits, warm_process
 limits.run_limited = lambda function, *arguments, **_: function(*arguments)
-warm_process._prepare()
+for step in warm_process.preparation():
+    step()
 print(json.dumps({"threads": len(os.listdir("/proc/self/task"))}), flush=True)
 for command in json.load(sys.stdin):
     if os.fork() == 0:
@@ -56,15 +59,40 @@ class Running(NamedTuple):
     process: int
 
 
+def wait_for(what):
+    """Return ``what()`` as soon as it is true."""
+    for _ in range(1200):
+        found = what()
+        if found:
+            return found
+        time.sleep(0.05)
+    raise AssertionError("waited a minute in vain")
+
+
+class Parent:
+    """A program that keeps a warm process until it ends: where that is, and the environment of commands."""
+
+    def __init__(self):
+        pipe = subprocess.PIPE
+        self.program = subprocess.Popen([sys.executable, "-c", PROGRAM], stdin=pipe, stdout=pipe, text=True)
+        address = self.program.stdout.readline().strip()
+        (number,) = children(self.program.pid)
+        self.running = Running(address, int(number))
+        path = f"{COMMANDS}{os.pathsep}{os.environ['PATH']}"
+        self.environment = {**os.environ, "PATH": path, warm.VARIABLE: address}
+
+    def wait(self) -> None:
+        """Wait until the warm process has imported."""
+        wait_for(lambda: warm.ask(self.running.address, ["sources"]) == 2)  # it misses arguments
+
+
 @pytest.fixture(scope="module")
 def process():
-    """A warm process and the environment of commands that use it; it imports what ``sources`` and ``clean`` need."""
-    path = f"{COMMANDS}{os.pathsep}{os.environ['PATH']}"
-    pipe = subprocess.PIPE
-    with subprocess.Popen([sys.executable, "-c", PROGRAM], stdin=pipe, stdout=pipe, text=True) as parent:
-        address, number = parent.stdout.readline().split()
-        yield Running(address, int(number)), {**os.environ, "PATH": path, warm.VARIABLE: address}
-        parent.communicate("\n")
+    """A warm process that has imported, and the environment of commands that use it."""
+    parent = Parent()
+    parent.wait()
+    yield parent.running, parent.environment
+    parent.program.communicate("\n")
 
 
 def sources(folder: Path, environment: dict, *more: str) -> subprocess.CompletedProcess:
@@ -145,7 +173,7 @@ def test_a_command_with_more_threads_or_of_another_installation_works_by_itself(
 ):
     running, _ = process
     assert warm.ask(running.address, ["sources", "--threads", "2"]) is None
-    monkeypatch.setattr(sys, "executable", "/somewhere/else/python")
+    monkeypatch.setattr(sys, "prefix", "/somewhere/else")
     assert warm.ask(running.address, ["sources"]) is None
     assert warm.ask(str(tmp_path / "nothing"), ["sources"]) is None
 
@@ -154,16 +182,6 @@ def test_where_nothing_listens_the_job_is_done(tmp_path, process):
     done = sources(tmp_path, {**process[1], warm.VARIABLE: str(tmp_path / "nothing")})
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "source.mesh").is_file()
-
-
-def wait_for(what):
-    """Return ``what()`` as soon as it is true."""
-    for _ in range(1200):
-        found = what()
-        if found:
-            return found
-        time.sleep(0.05)
-    raise AssertionError("waited a minute in vain")
 
 
 def test_a_job_dies_with_its_command(process, tmp_path):
@@ -180,27 +198,31 @@ def test_a_job_dies_with_its_command(process, tmp_path):
     assert not (tmp_path / "surface.ply").exists()
 
 
+def test_a_command_that_comes_early_works_by_itself(tmp_path):
+    parent = Parent()
+    os.kill(parent.running.process, signal.SIGSTOP)
+    assert sources(tmp_path, parent.environment).returncode == 0
+    os.kill(parent.running.process, signal.SIGCONT)
+    parent.program.communicate("\n")
+    wait_for(lambda: not Path(parent.running.address).parent.exists())
+
+
 def test_a_job_outlives_the_run_and_the_warm_process_goes_with_it(tmp_path):
-    pipe = subprocess.PIPE
-    parent = subprocess.Popen([sys.executable, "-c", PROGRAM], stdin=pipe, stdout=pipe, text=True)
-    address, number = parent.stdout.readline().split()
-    environment = {
-        **os.environ,
-        "PATH": f"{COMMANDS}{os.pathsep}{os.environ['PATH']}",
-        warm.VARIABLE: address,
-    }
-    assert sources(tmp_path, environment).returncode == 0
-    wait_for(lambda: not children(int(number)))
-    command = subprocess.Popen(clean(), cwd=tmp_path, env=environment, stderr=subprocess.DEVNULL)
-    job = int(wait_for(lambda: children(int(number)))[0])
-    os.kill(job, signal.SIGSTOP)
-    parent.kill()
+    parent = Parent()
     parent.wait()
+    address, number = parent.running
+    assert sources(tmp_path, parent.environment).returncode == 0
+    wait_for(lambda: not children(number))
+    command = subprocess.Popen(clean(), cwd=tmp_path, env=parent.environment, stderr=subprocess.DEVNULL)
+    job = int(wait_for(lambda: children(number))[0])
+    os.kill(job, signal.SIGSTOP)
+    parent.program.kill()
+    parent.program.wait()
     wait_for(lambda: warm.ask(address, ["sources"]) is None)  # nobody is taken any more
     os.kill(job, signal.SIGCONT)
     assert command.wait() == 0
     assert (tmp_path / "surface.ply").is_file()
-    wait_for(lambda: not Path("/proc", number).exists())
+    wait_for(lambda: not Path(address).parent.exists())
 
 
 def test_jobs_import_nothing_that_the_warm_process_could_have(finished, tmp_path):
@@ -237,16 +259,3 @@ def test_what_is_asked_is_understood(monkeypatch, tmp_path):
     assert (identity, folder, asked) == (warm.identity(), str(tmp_path), argv)
     assert environment == dict(os.environ)
     assert mask == os.umask(mask)
-
-
-def test_the_command_runs_another_and_passes_its_exit_status_on(tmp_path):
-    program = "import os, sys; sys.exit(7 if os.path.exists(os.environ['VIBRAVERSE_WARM']) else 1)"
-    done = subprocess.run([str(COMMANDS / "vibraverse"), "warm", sys.executable, "-c", program])
-    assert done.returncode == 7
-    killed = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
-    done = subprocess.run([str(COMMANDS / "vibraverse"), "warm", sys.executable, "-c", killed])
-    assert done.returncode == 128 + signal.SIGKILL
-    done = subprocess.run(
-        [str(COMMANDS / "vibraverse"), "warm", "no-such-command"], capture_output=True, text=True
-    )
-    assert (done.returncode, "cannot run no-such-command" in done.stderr) == (2, True)

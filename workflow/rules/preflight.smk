@@ -3,6 +3,7 @@ from snakemake.settings.types import DeploymentMethod
 
 from vibraverse import slurm
 from vibraverse.guard import only_run
+from vibraverse.warm_process import keep_warm
 
 slurm.be_patient()
 
@@ -16,6 +17,10 @@ preflight.stop_without(
 )
 if plan.joins and workflow.is_main_process:
     preflight.stop_without(preflight.shards, targets.missing_shards(plan))
+if not workflow.is_main_process and not workflow.deployment_settings.deployment_method:
+    keep_warm(
+        len(workflow.dag_settings.target_jobs)
+    )  # a cluster's job that is a group of jobs, and has no onstart
 
 
 onstart:
@@ -35,6 +40,8 @@ onstart:
         )
     if workflow.executor_plugin.name == "local":
         preflight.stop_without(preflight.local_gpus, [(job.rule.name, job.resources) for job in waiting])
+        if not workflow.deployment_settings.deployment_method:
+            keep_warm(len(waiting))
     if workflow.executor_plugin.name == "slurm":
         preflight.stop_without(
             slurm.check,

@@ -43,7 +43,6 @@ COMMANDS = {
     "submit": "submit a run to Slurm as an array of slices",
     "resources": "suggest memory, time and group sizes from a run's own measurements",
     "gpus": "list the GPUs here, or run a command with some of its own",
-    "warm": "run a command whose jobs find every library imported",
     "check": "say whether a dataset is whole, to the last byte, and agrees with itself",
     "status": "say how far a run is, and how long the rest takes",
     "provenance": "trace a product back to its source, with versions and commands",

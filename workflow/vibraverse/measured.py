@@ -1,6 +1,6 @@
 """What jobs took, as Snakemake and their own logs note it, and what to ask for next time.
 
-Snakemake samples a job's CPU time and memory, misses short peaks, and sees nothing of a job under ``vibraverse warm``;
+Snakemake samples a job's CPU time and memory, misses short peaks, and sees nothing of a job that a warm process forks;
 the job's log ends with what it had itself. The larger of the two counts.
 
 Memory is the largest seen and half as much again, time three times the largest seen: a job that asks for too

@@ -10,7 +10,7 @@ import socket
 import struct
 import sys
 
-#: The environment variable that holds the address of a warm process.
+#: The environment variable that holds the address of a warm process; where it is set, if to nothing, none is started.
 VARIABLE = "VIBRAVERSE_WARM"
 #: What goes before a message: its length in bytes.
 LENGTH = struct.Struct("!I")
@@ -19,8 +19,8 @@ DECLINED = 79
 
 
 def identity() -> list[str]:
-    """Return what a command and the warm process must share: the interpreter and this file."""
-    return [sys.executable, os.path.realpath(__file__)]
+    """Return what a command and the warm process must share: the environment and this file."""
+    return [sys.prefix, os.path.realpath(__file__)]
 
 
 def ask(address: str, argv: list[str]) -> int | None:
@@ -54,6 +54,6 @@ def request(argv: list[str]) -> bytes:
 
 def understood(message: bytes) -> tuple[list[str], str, int, list[str], dict[str, str]]:
     """Return identity, folder, mask of files, arguments and environment of a :func:`request`."""
-    interpreter, file, folder, mask, count, *words = os.fsdecode(message).split("\0")
+    prefix, file, folder, mask, count, *words = os.fsdecode(message).split("\0")
     argv, variables = words[: int(count)], words[int(count) :]
-    return [interpreter, file], folder, int(mask), argv, dict(one.split("=", 1) for one in variables)
+    return [prefix, file], folder, int(mask), argv, dict(one.split("=", 1) for one in variables)

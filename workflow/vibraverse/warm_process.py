@@ -1,13 +1,13 @@
 """A warm process that jobs are forked from, so that they find every library imported.
 
 A job of a small object computes for a fraction of a second, and Python takes a second or more to start and import
-what it computes with. :class:`Warm` starts one process that imports everything once and listens; a stage's command
-that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its own input, output and environment,
-and waits. The job is the same: the log, the limits, the products. Where nothing listens, or the command comes
-from another installation or wants more threads, it works by itself.
+what it computes with. A run of many jobs on its own machine starts one process that imports everything once and
+listens; a stage's command that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its own input,
+output and environment, and waits. The job is the same: the log, the limits, the products. Where nothing listens, or the
+command comes from another installation or wants more threads, it works by itself.
 
 The warm process forks a job for each command. It tells the command the job's exit status, and kills the job when the
-command is gone.
+command is gone. It ends with the run that started it, however that ends; jobs that still work then go on to their end.
 """
 
 from __future__ import annotations
@@ -20,12 +20,14 @@ import select
 import shutil
 import signal
 import socket
+import subprocess
 import sys
 import tempfile
 import traceback
+from collections.abc import Callable
+from functools import partial
 
-from vibraverse import warm
-from vibraverse.cli import ROUNDING, STAGES, main, set_threads
+from vibraverse import cli, warm
 from vibraverse.limits import die_with
 from vibraverse.sources.families import FAMILIES
 
@@ -39,63 +41,63 @@ _LIBRARIES = (
     "pyvista.plotting", "scipy.interpolate", "scipy.ndimage", "scipy.optimize", "skfem", "soundfile",
     "vtkmodules.vtkFiltersCore", "vtkmodules.vtkInteractionWidgets", "vtkmodules.vtkViewsContext2D",
 )  # fmt: skip
-#: How long the end of a run waits for the warm process, which has jobs only where their commands outlive the run.
-_GRACE_S = 2.0
+#: Fewer jobs than this take less than the warm process's own imports.
+_WORTHWHILE = 10
+#: A socket's address has at most 107 characters.
+_LONGEST_FOLDER = 70
 _GONE = select.POLLHUP | select.POLLERR | select.POLLRDHUP
 
 
-class Warm:
-    """A context in which a warm process listens at ``address``."""
+def keep_warm(jobs: int) -> None:
+    """Start a warm process for the ``jobs`` that this process is going to start, where they are many.
 
-    def __enter__(self) -> Warm:
-        """Start the process; it imports while the first commands wait."""
-        self._folder = tempfile.mkdtemp(prefix="vibraverse-warm-")
-        self.address = os.path.join(self._folder, "socket")
-        listening = socket.socket(socket.AF_UNIX)
-        listening.bind(self.address)
-        listening.listen(64)
-        # The process ends when nobody holds the writing end any more, however this one ends.
-        reading, self._held = os.pipe()
-        sys.stdout.flush()
-        sys.stderr.flush()
-        self.process = os.fork()
-        if self.process == 0:
-            try:
-                os.close(self._held)
-                _prepare()
-                _Server(listening, reading).serve()
-            except BaseException:
-                traceback.print_exc()
-            finally:
-                os._exit(0)
-        listening.close()
-        os.close(reading)
-        return self
-
-    def __exit__(self, *_) -> None:
-        """End the process; jobs that still run go on to their end."""
-        os.close(self._held)
-        watched = os.pidfd_open(self.process)
-        if select.select([watched], [], [], _GRACE_S)[0]:
-            os.waitpid(self.process, 0)
-        os.close(watched)
-        shutil.rmtree(self._folder, ignore_errors=True)
+    It listens as soon as it has imported; commands that come earlier work by themselves.
+    """
+    if jobs < _WORTHWHILE or warm.VARIABLE in os.environ:
+        return
+    short = None if len(tempfile.gettempdir()) < _LONGEST_FOLDER else "/tmp"
+    folder = tempfile.mkdtemp(prefix="vibraverse-warm-", dir=short)
+    address = os.path.join(folder, "socket")
+    # Nobody holds the pipe's writing end any more when this process has ended, so that the other one reads its end.
+    reading, _held = os.pipe()
+    subprocess.Popen(
+        [sys.executable, "-m", "vibraverse.warm_process", address, str(reading)],
+        pass_fds=[reading],
+        stdin=subprocess.DEVNULL,
+        # Who reads what the run says until its end need not wait for this process's.
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(reading)
+    os.environ[warm.VARIABLE] = address
 
 
-def _prepare() -> None:
-    """Import what jobs need, and let libraries do what they do when they are first used."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    set_threads(1)
-    stages = [f"vibraverse.stages.{name}" for name in STAGES]
+def main(address: str, run_ends: int) -> None:
+    """Import, then fork jobs until ``run_ends``, a pipe, has no writer any more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which tells by ending
+    try:
+        for step in preparation():
+            if select.select([run_ends], [], [], 0)[0]:
+                return
+            with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
+                step()
+        gc.collect()
+        gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
+        with socket.socket(socket.AF_UNIX) as listening:
+            listening.bind(address)
+            listening.listen(64)
+            Server(listening, run_ends).serve()
+    finally:
+        shutil.rmtree(os.path.dirname(address), ignore_errors=True)
+
+
+def preparation() -> list[Callable[[], object]]:
+    """Return what is done before any job: import what stages need, and let libraries do what they first do."""
+    cli.set_threads(1)
+    stages = [f"vibraverse.stages.{name}" for name in cli.STAGES]
     families = {family.module for family in FAMILIES.values()}
-    for name in (*stages, *sorted(families), *_LIBRARIES):
-        with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
-            importlib.import_module(name)
-    for load in (_load_compiled_loops, _load_solver, _load_renderer):
-        with contextlib.suppress(Exception):
-            load()
-    gc.collect()
-    gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
+    imports = [partial(importlib.import_module, name) for name in (*stages, *sorted(families), *_LIBRARIES)]
+    return [*imports, _load_compiled_loops, _load_solver, _load_renderer]
 
 
 def _load_compiled_loops() -> None:
@@ -124,11 +126,10 @@ def _load_renderer() -> None:
     from vibraverse.media.images import choose_window
 
     Image.preinit()
-
     choose_window()
 
 
-class _Server:
+class Server:
     """Forks a job for every command that connects, until ``run_ends`` tells that the run is over and no job is left."""
 
     def __init__(self, listening: socket.socket, run_ends: int):
@@ -219,8 +220,8 @@ def _work(connection: socket.socket, identity: list[str]) -> int:
         theirs, folder, mask, argv, environment = warm.understood(message)
     except ValueError:
         return warm.DECLINED
-    rounding = {name: environment.get(name, os.environ.get(name)) for name in ROUNDING}
-    if theirs != identity or rounding != {name: os.environ.get(name) for name in ROUNDING}:
+    rounding = {name: environment.get(name, os.environ.get(name)) for name in cli.ROUNDING}
+    if theirs != identity or rounding != {name: os.environ.get(name) for name in cli.ROUNDING}:
         return warm.DECLINED
     for number, file in enumerate(files):
         os.dup2(file, number)
@@ -234,7 +235,7 @@ def _work(connection: socket.socket, identity: list[str]) -> int:
     os.environ.pop(warm.VARIABLE, None)
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        status = main(argv)
+        status = cli.main(argv)
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
     except BaseException:
@@ -243,3 +244,7 @@ def _work(connection: socket.socket, identity: list[str]) -> int:
     sys.stdout.flush()
     sys.stderr.flush()
     return status
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))
