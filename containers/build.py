@@ -163,8 +163,8 @@ def report(name: str, image: Path, started: float) -> None:
 def main(families: list[str], base: str) -> None:
     """Build what is out of date, in order."""
     for family in families:
-        if family not in containers.FAMILIES:
-            raise Failed(unknown("family", family, containers.FAMILIES))
+        if family not in containers.ALL:
+            raise Failed(unknown("family", family, containers.ALL))
     if "://" in containers.folder():
         raise Failed(
             f"VIBRAVERSE_IMAGES is {containers.folder()}: images are built into a folder, then pushed there."
@@ -193,7 +193,7 @@ def main(families: list[str], base: str) -> None:
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("families", nargs="*", metavar="FAMILY", help=f"of {', '.join(containers.FAMILIES)}")
+    parser.add_argument("families", nargs="*", metavar="FAMILY", help=f"of {', '.join(containers.ALL)}")
     parser.add_argument(
         "--base", default="docker://debian:12-slim", metavar="IMAGE", help="where Debian comes from"
     )

@@ -202,17 +202,13 @@ def dataset(check: Check) -> None:
     check.run("index", *check.options("index"), shards=shard, **found)
 
 
-def report(check: Check) -> None:
-    """The page of a dataset of refused objects, packed and indexed by the library, as the stages need more packages."""
+def packed(check: Check) -> Path:
+    """Return a shard of refused objects, packed by the library, as the stage needs more packages."""
     import h5py
 
     from vibraverse import products
     from vibraverse.config.dataset import ShardOptions
     from vibraverse.dataset.pack import finish, pack_object
-    from vibraverse.dataset.reader import Reader
-    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
-    from vibraverse.dataset.summary import summary
-    from vibraverse.dataset.tables import to_tsv
 
     shard = refuse_all(check)
     options = ShardOptions.model_validate_json(check.options("dataset")[1])
@@ -222,6 +218,18 @@ def report(check: Check) -> None:
             h5, [pack_object(groups, check.plan.paths, name, options, shard.name) for name in options.objects]
         )
         products.write_provenance(h5, {"stage": "dataset", "libraries": {}})
+    return shard
+
+
+def report(check: Check) -> None:
+    """The page of a dataset of refused objects, indexed by the library."""
+    from vibraverse import products
+    from vibraverse.dataset.reader import Reader
+    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
+    from vibraverse.dataset.summary import summary
+    from vibraverse.dataset.tables import to_tsv
+
+    shard = packed(check)
     paths = check.plan.paths
     index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
     index = {name: check.at(path) for name, path in index.items()}
@@ -230,6 +238,26 @@ def report(check: Check) -> None:
         index["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
         products.write_json(index["record"], {**summary(reader, {}), "shards": {}})
     check.run("report", *check.options("report"), shards=shard, **index, page=check.at(paths.report))
+
+
+def learn(check: Check) -> None:
+    """The reader for PyTorch opens a dataset, and a network learns a line, on a GPU where there is one."""
+    import torch
+
+    import vibraverse.dataset
+
+    data = vibraverse.dataset.torch_dataset(packed(check))
+    assert isinstance(data, torch.utils.data.Dataset)
+    torch.manual_seed(0)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    x = torch.linspace(-1, 1, 64, device=device)[:, None]
+    network = torch.nn.Linear(1, 1).to(device)
+    optimiser = torch.optim.SGD(network.parameters(), 0.5)
+    for _ in range(100):
+        optimiser.zero_grad()
+        torch.nn.functional.mse_loss(network(x), 3 * x + 1).backward()
+        optimiser.step()
+    assert abs(network.weight.item() - 3) + abs(network.bias.item() - 1) < 1e-3
 
 
 def everything(check: Check) -> None:
@@ -244,6 +272,7 @@ STAGES = {
     "render": render,
     "dataset": dataset,
     "report": report,
+    "learn": learn,
     "workstation": everything,
 }
 

@@ -33,7 +33,7 @@ install_packages() {
 
 write_configuration() {
     local cpus memory node port=17001
-    cpus=$(nproc)
+    cpus=$(env -u OMP_NUM_THREADS nproc) # which the tests set, and nproc heeds
     memory=$(awk '/MemTotal/ {print int($2 / 1024)}' /proc/meminfo)
     mkdir -p "$state"/{ctld,log} /etc/slurm
     cat >"$conf" <<CONF
@@ -75,7 +75,8 @@ CONF
     done
     echo "PartitionName=cpu Nodes=n1,n2 Default=YES MaxTime=120 State=UP" >>"$conf"
     echo "PartitionName=gpu Nodes=n3 MaxTime=120 State=UP" >>"$conf"
-    touch "$state/gpu0" "$state/gpu1"
+    local device # of which Slurm wants to know that it is one: twins of /dev/null
+    for device in "$state/gpu0" "$state/gpu1"; do [ -c "$device" ] || { rm -f "$device" && mknod "$device" c 1 3; }; done
     echo "NodeName=n3 Name=gpu File=$state/gpu[0-1]" >/etc/slurm/gres.conf
 }
 

@@ -13,7 +13,34 @@ from pathlib import Path
 import pytest
 from cluster_runs import CHAIN, HOLLOW, QUICK, call, slurm_script
 
+from stand_ins import stub
 from workflow_runs import Run
+
+#: Two jobs that wait for each other, and one that wants both their GPUs; each says which it sees.
+GPU_RULES = """
+rule all:
+    input:
+        "one.seen",
+        "other.seen",
+        "both.seen",
+
+
+rule train:
+    input:
+        lambda wildcards: ["one.seen", "other.seen"] if wildcards.name == "both" else [],
+    output:
+        "{name}.seen",
+    resources:
+        gpu=lambda wildcards: 2 if wildcards.name == "both" else 1,
+        slurm_partition="gpu",
+        mem_mb=500,
+        runtime=5,
+    shell:
+        "touch {wildcards.name}.began;"
+        "vibraverse gpus --claim {resources.gpu} --wait 9 timeout 60 sh -c '"
+        "until [ -e one.began ] && [ -e other.began ]; do sleep 1; done; echo $CUDA_VISIBLE_DEVICES; sleep 2"
+        "' > {output}"
+"""
 
 
 def queue(*options: str) -> list[str]:
@@ -177,6 +204,27 @@ def test_an_array_of_slices_and_its_join_give_the_bytes_of_one_run(slurm, root, 
     wait_for(lambda: state(join) == "COMPLETED", 1200)
     assert parts.checksums() == whole.checksums()
     assert parts.plan()[0] == {}
+
+
+@pytest.mark.long
+def test_jobs_with_gpus_get_different_ones_and_one_with_two_gets_both(slurm, root, tmp_path, monkeypatch):
+    """A rule of one's own, as docs/gpu.md has it, in the partition with two stand-in devices."""
+    (tmp_path / "bin").mkdir()
+    stub(
+        tmp_path / "bin",
+        "nvidia-smi",
+        "echo '0, GPU-a, NVIDIA A, 81559, 4'; echo '1, GPU-b, NVIDIA A, 81559, 4'",
+    )
+    monkeypatch.setenv(
+        "PATH", f"{tmp_path / 'bin'}{os.pathsep}{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    )
+    (tmp_path / "Snakefile").write_text(GPU_RULES)
+    profile = root / "workflow/profiles/slurm"
+    options = QUICK[len(CHAIN) :]
+    call("snakemake", "--workflow-profile", str(profile), *options, "--retries", "0", cwd=tmp_path)
+    seen = {path.stem: path.read_text().strip() for path in tmp_path.glob("*.seen")}
+    assert sorted([seen["one"], seen["other"]]) == ["GPU-a", "GPU-b"]
+    assert sorted(seen["both"].split(",")) == ["GPU-a", "GPU-b"]
 
 
 @pytest.mark.parametrize(

@@ -17,10 +17,6 @@ preflight.stop_without(
 )
 if plan.joins and workflow.is_main_process:
     preflight.stop_without(preflight.shards, targets.missing_shards(plan))
-if not workflow.is_main_process and not workflow.deployment_settings.deployment_method:
-    keep_warm(
-        len(workflow.dag_settings.target_jobs)
-    )  # a cluster's job that is a group of jobs, and has no onstart
 
 
 onstart:

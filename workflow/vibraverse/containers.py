@@ -21,6 +21,8 @@ PROJECT = Path(__file__).resolve().parents[2]
 
 #: The families that rules run in. `workstation` joins them with Snakemake, for executors with one image for all.
 FAMILIES = ("geometry", "fem", "render", "dataset", "report")
+#: Besides, that of learning, several times as large as all others: for rules of one's own, built where it is named.
+ALL = (*FAMILIES, "learn")
 
 #: What goes into every image, besides the lock of its family.
 SOURCES = (

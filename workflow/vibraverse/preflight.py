@@ -98,15 +98,17 @@ def apptainer() -> None:
 
 def images(urls: Iterable[str]) -> None:
     """Check that each image file is there and made of this checkout; images in a registry are taken as named."""
-    named = {containers.image(family): family for family in containers.FAMILIES}
-    wrong = [
-        f"the image {url} {difference}"
+    named = {containers.image(family): family for family in containers.ALL}
+    wrong = {
+        named[url]: f"the image {url} {difference}"
         for url in sorted(set(urls))
         if "://" not in url and url in named and (difference := containers.differences(named[url], url))
-    ]
+    }
     if wrong:
+        usual = wrong.keys() <= set(containers.FAMILIES)
+        build = "make containers" if usual else f"make containers FAMILIES='{' '.join(wrong)}'"
         where = " (VIBRAVERSE_IMAGES says where they are)" if os.environ.get("VIBRAVERSE_IMAGES") else ""
-        raise NotThere(f"{', '.join(wrong)}{where}; run `make containers`, then the same command again")
+        raise NotThere(f"{', '.join(wrong.values())}{where}; run `{build}`, then the same command again")
 
 
 def rules(named: Iterable[str], known: Iterable[str]) -> None:
