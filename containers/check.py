@@ -289,8 +289,9 @@ def packages(family: str) -> None:
 def from_elsewhere() -> list[str]:
     """Return the loaded modules that are neither the image's Python nor its environment."""
     own = (str(HOME), f"{sys.base_prefix}/lib/")
-    files = {name: getattr(module, "__file__", None) for name, module in sys.modules.items()}
-    return [f"{name}: {file}" for name, file in files.items() if file and not file.startswith(own)]
+    files = {name: getattr(module, "__file__", None) or "" for name, module in sys.modules.items()}
+    # One that came from a file has its whole path; torch makes some up, and says so by half a name.
+    return [f"{name}: {file}" for name, file in files.items() if file[:1] == "/" and not file.startswith(own)]
 
 
 def main(family: str) -> None:

@@ -24,8 +24,9 @@ from vibraverse.dataset.splits import JOIN
 from vibraverse.plan import Plan
 from vibraverse.resources import CLASSES
 
-#: MB that Snakemake itself takes beside its jobs, with some room: a slice of 1,000 objects takes a third of it.
-SNAKEMAKE_MB = 1000
+#: MB that Snakemake itself and the warm process take beside the jobs, with some room: a slice of 1,000 objects takes a
+#: third of a gigabyte, the process two thirds.
+SNAKEMAKE_MB = 1500
 #: MB for each core, where nothing else is asked for.
 CORE_MB = 4000
 #: MB of the job that joins.
