@@ -52,13 +52,13 @@ def test_the_dry_run_prints_both_scripts(folder, vibraverse):
     slices, join = re.split(r"\n(?=#!)", out)
     assert options(slices) == [
         "--job-name=vibraverse-slice", "--array=1-50%20", "'--output=my results/logs/slices/%a.log'", "--ntasks=1",
-        "--cpus-per-task=16", "--mem=65000", "--partition=cpu", "--time=1-0",
+        "--cpus-per-task=16", "--mem=65500", "--partition=cpu", "--time=1-0",
     ]  # fmt: skip
     (run,) = [line for line in slices.splitlines() if line.startswith("exec ")]
     assert run.endswith(
         '--resources mem_mb=64000 --cores 16 --until audio --config "slice=$SLURM_ARRAY_TASK_ID/50"'
     )
-    assert "--mem=5000" in options(join)
+    assert "--mem=5500" in options(join)
     assert join.rstrip().endswith("--resources mem_mb=4000 --cores 1 --config slice=join")
     for script in (slices, join):
         assert subprocess.run(["bash", "-n"], input=script, text=True).returncode == 0
@@ -119,8 +119,8 @@ def test_without_its_join_the_array_is_cancelled(slurm, vibraverse, cancels):
         (["--slices", 5, "--", "--until", "audio", "-Cresults=other"], "-C cannot stand after --"),
         (["--slices", 5, "--", "--configfile=other.yaml"], "--configfile cannot stand after --"),
         (["--slices", 5, "--partition", "fast"], "Slurm has no partition 'fast'; there are: cpu, gpu, old"),
-        (["--slices", 5, "--mem-mb", 2000, "--partition", "gpu,old"], "the join would ask for 5000 MB"),
-        (["--slices", 5, "--cores", 16], "65000 MB, but the largest node of the partition cpu has 24000 MB"),
+        (["--slices", 5, "--mem-mb", 2000, "--partition", "gpu,old"], "the join would ask for 5500 MB"),
+        (["--slices", 5, "--cores", 16], "65500 MB, but the largest node of the partition cpu has 24000 MB"),
     ],
 )
 def test_a_request_that_cannot_be_is_one_sentence(slurm, vibraverse, arguments, sentence):
