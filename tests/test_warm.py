@@ -72,9 +72,12 @@ def wait_for(what):
 class Parent:
     """A program that keeps a warm process until it ends: where that is, and the environment of commands."""
 
-    def __init__(self):
+    def __init__(self, folder: Path):
+        (folder / "numpy.py").write_text("raise SystemExit('what lies in the working folder is no module')")
         pipe = subprocess.PIPE
-        self.program = subprocess.Popen([sys.executable, "-c", PROGRAM], stdin=pipe, stdout=pipe, text=True)
+        self.program = subprocess.Popen(
+            [sys.executable, "-P", "-c", PROGRAM], cwd=folder, stdin=pipe, stdout=pipe, text=True
+        )
         address = self.program.stdout.readline().strip()
         (number,) = children(self.program.pid)
         self.running = Running(address, int(number))
@@ -87,9 +90,9 @@ class Parent:
 
 
 @pytest.fixture(scope="module")
-def process():
+def process(tmp_path_factory):
     """A warm process that has imported, and the environment of commands that use it."""
-    parent = Parent()
+    parent = Parent(tmp_path_factory.mktemp("warm"))
     parent.wait()
     yield parent.running, parent.environment
     parent.program.communicate("\n")
@@ -199,7 +202,7 @@ def test_a_job_dies_with_its_command(process, tmp_path):
 
 
 def test_a_command_that_comes_early_works_by_itself(tmp_path):
-    parent = Parent()
+    parent = Parent(tmp_path)
     os.kill(parent.running.process, signal.SIGSTOP)
     assert sources(tmp_path, parent.environment).returncode == 0
     os.kill(parent.running.process, signal.SIGCONT)
@@ -208,7 +211,7 @@ def test_a_command_that_comes_early_works_by_itself(tmp_path):
 
 
 def test_a_job_outlives_the_run_and_the_warm_process_goes_with_it(tmp_path):
-    parent = Parent()
+    parent = Parent(tmp_path)
     parent.wait()
     address, number = parent.running
     assert sources(tmp_path, parent.environment).returncode == 0

@@ -92,7 +92,7 @@ def _address_space() -> int:
         return 0
 
 
-def _threads() -> int:
+def threads() -> int:
     """Return how many threads this process has; 0 where the system does not say."""
     try:
         return len(os.listdir("/proc/self/task"))
@@ -113,7 +113,7 @@ def run_limited(
     Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
     crash or an exception, or the :class:`Refused` that the function itself raised.
     """
-    context = multiprocessing.get_context("fork" if _threads() == 1 else "spawn")
+    context = multiprocessing.get_context("fork" if threads() == 1 else "spawn")
     receiver, sender = context.Pipe(duplex=False)
     handle, log = tempfile.mkstemp(prefix="vibraverse-", suffix=".log")
     os.close(handle)

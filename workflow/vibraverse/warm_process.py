@@ -28,7 +28,7 @@ from collections.abc import Callable
 from functools import partial
 
 from vibraverse import cli, warm
-from vibraverse.limits import die_with
+from vibraverse.limits import die_with, threads
 from vibraverse.sources.families import FAMILIES
 
 #: What stages import when they work. Names that the environment lacks are passed over.
@@ -61,7 +61,8 @@ def keep_warm(jobs: int) -> None:
     # Nobody holds the pipe's writing end any more when this process has ended, so that the other one reads its end.
     reading, _held = os.pipe()
     subprocess.Popen(
-        [sys.executable, "-m", "vibraverse.warm_process", address, str(reading)],
+        # -P: what lies in the working folder is no module.
+        [sys.executable, "-P", "-m", "vibraverse.warm_process", address, str(reading)],
         pass_fds=[reading],
         stdin=subprocess.DEVNULL,
         # Who reads what the run says until its end need not wait for this process's.
@@ -81,6 +82,8 @@ def main(address: str, run_ends: int) -> None:
                 return
             with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
                 step()
+        if threads() > 1:  # a fork might wait for ever for one that it does not have
+            return
         gc.collect()
         gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
         with socket.socket(socket.AF_UNIX) as listening:
@@ -233,6 +236,7 @@ def _work(connection: socket.socket, identity: list[str]) -> int:
     os.environ.clear()
     os.environ.update(environment)
     os.environ.pop(warm.VARIABLE, None)
+    tempfile.tempdir = None  # to be looked up in this environment
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         status = cli.main(argv)
