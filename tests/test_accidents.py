@@ -201,6 +201,35 @@ def test_a_run_killed_while_it_writes_shards(finished, tmp_path, seed):
     assert not list((tmp_path / "results").rglob(".*.partial.*"))
 
 
+def test_a_run_waits_for_a_job_that_a_killed_one_left(finished, tmp_path):
+    run = copied(finished, tmp_path)
+    record = tmp_path / "results/dataset/dataset.json"
+    places = {name: tmp_path / "results/logs" / name for name in ("00001/dataset.log", "slices/1.log")}
+    for place in places.values():
+        place.parent.mkdir(exist_ok=True)
+    with places["00001/dataset.log"].open("a") as log, places["slices/1.log"].open("a") as slice_log:
+        job = subprocess.Popen(["sleep", "600"], stdout=log)
+        other = subprocess.Popen(["sleep", "600"], stdout=slice_log)
+    with subprocess.Popen(
+        run.command(), env=run.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as process:
+        try:
+            said = next(line for line in process.stdout if "of a run that is gone still computes" in line)
+            assert "(results/logs/00001/dataset.log); this run goes on when that has ended" in said
+            assert f"or is ended with `kill {job.pid}`" in said
+            time.sleep(3)
+            assert not record.exists()
+        finally:
+            job.kill()
+            job.wait()
+        process.stdout.read()
+        assert process.wait() == 0
+        assert other.poll() is None
+    other.kill()
+    other.wait()
+    assert run.checksums() == finished.checksums()
+
+
 @pytest.mark.skipif(not KILLS, reason="VIBRAVERSE_KILLS is not set")
 def test_runs_killed_at_random_moments_end_like_an_undisturbed_one(finished, tmp_path):
     draw, killed, runs = random.Random(20), 0, 0

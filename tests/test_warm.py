@@ -207,7 +207,7 @@ def test_a_command_that_comes_early_works_by_itself(tmp_path):
     assert sources(tmp_path, parent.environment).returncode == 0
     os.kill(parent.running.process, signal.SIGCONT)
     parent.program.communicate("\n")
-    wait_for(lambda: not Path(parent.running.address).parent.exists())
+    wait_for(lambda: not Path(f"/proc/{parent.running.process}").exists())
 
 
 def test_a_job_outlives_the_run_and_the_warm_process_goes_with_it(tmp_path):
@@ -225,7 +225,7 @@ def test_a_job_outlives_the_run_and_the_warm_process_goes_with_it(tmp_path):
     os.kill(job, signal.SIGCONT)
     assert command.wait() == 0
     assert (tmp_path / "surface.ply").is_file()
-    wait_for(lambda: not Path(address).parent.exists())
+    wait_for(lambda: not Path(f"/proc/{number}").exists())
 
 
 def test_jobs_import_nothing_that_the_warm_process_could_have(finished, tmp_path):

@@ -2,7 +2,7 @@
 from snakemake.settings.types import DeploymentMethod
 
 from vibraverse import slurm
-from vibraverse.guard import only_run
+from vibraverse.guard import only_run, wait_for_jobs_of_gone_runs
 from vibraverse.warm_process import keep_warm
 
 slurm.be_patient()
@@ -36,6 +36,8 @@ onstart:
         )
     if workflow.executor_plugin.name == "local":
         preflight.stop_without(preflight.local_gpus, [(job.rule.name, job.resources) for job in waiting])
+        mine = None if plan.owned is None else [*plan.objects, *plan.shards]
+        wait_for_jobs_of_gone_runs(f"{paths.results}/logs", mine)
         if not workflow.deployment_settings.deployment_method:
             keep_warm(len(waiting))
     if workflow.executor_plugin.name == "slurm":

@@ -13,6 +13,7 @@ import fcntl
 import os
 import struct
 import sys
+import time
 from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
@@ -22,6 +23,10 @@ from vibraverse.products import not_stored
 #: ``struct flock`` of 64-bit Linux: type, whence, start, length, process.
 _FLOCK = "hhqqi"
 _held = []
+#: The folder of logs that are slices' own, not a job's.
+_SLICES = "slices"
+#: How often it is looked whether a job has ended.
+_AGAIN_S = 1.0
 
 
 def lock_file(results: str | Path) -> Path:
@@ -85,6 +90,37 @@ def outputs() -> dict[str, int]:
             file, process = os.readlink(entry / "fd/1"), int(entry.name)
             found[file] = min(process, found.get(file, process))
     return found
+
+
+def wait_for_jobs_of_gone_runs(logs: str | Path, names: Iterable[str] | None = None) -> None:
+    """Wait until no job here works any more that a killed run has left; say so, once for each.
+
+    ``logs`` is the folder with the jobs' logs, ``names`` are its folders that are looked at (None: all), in which no
+    other run may work. A job that is begun anew beside an old one computes in vain, and may meet what that one writes.
+    """
+    said: set[tuple[str, int]] = set()
+    while left := set(_writing_below(logs, None if names is None else set(names))):
+        for log, process in sorted(left - said):
+            print(
+                f"vibraverse: a job of a run that is gone still computes ({log}); this run goes on when that has "
+                f"ended, or is ended with `kill {process}`",
+                file=sys.stderr,
+                flush=True,
+            )
+        said |= left
+        time.sleep(_AGAIN_S)
+
+
+def _writing_below(logs: str | Path, names: set[str] | None) -> Iterable[tuple[str, int]]:
+    """Yield the logs that processes write, each with the lowest process, besides where this one's output goes."""
+    own = {os.path.realpath(f"/proc/self/fd/{number}") for number in (1, 2)}
+    for file, process in outputs().items():
+        if file in own or not file.startswith(f"{os.path.realpath(logs)}{os.sep}"):
+            continue
+        name = os.path.relpath(file, os.path.realpath(logs))
+        folder = os.path.dirname(name)
+        if folder != _SLICES and (names is None or folder in names):
+            yield os.path.join(logs, name), process
 
 
 def run_since(results: str | Path) -> float | None:

@@ -11,9 +11,12 @@ import struct
 import sys
 
 #: The environment variable that holds the address of a warm process; where it is set, if to nothing, none is started.
+#: It is a name in Linux's abstract namespace, which leaves no file behind.
 VARIABLE = "VIBRAVERSE_WARM"
 #: What goes before a message: its length in bytes.
 LENGTH = struct.Struct("!I")
+#: What the kernel tells of the process at the other end: its number, its user and group.
+_PEER = struct.Struct("3i")
 #: The exit status by which a warm process says that it is not the one to do a command; no stage ends with it.
 DECLINED = 79
 
@@ -21,6 +24,14 @@ DECLINED = 79
 def identity() -> list[str]:
     """Return what a command and the warm process must share: the environment and this file."""
     return [sys.prefix, os.path.realpath(__file__)]
+
+
+def ours(connection: socket.socket) -> bool:
+    """Return whether the other end of a connection is this user's: everybody may use an abstract name."""
+    return (
+        _PEER.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))[1]
+        == os.getuid()
+    )
 
 
 def ask(address: str, argv: list[str]) -> int | None:
@@ -31,7 +42,9 @@ def ask(address: str, argv: list[str]) -> int | None:
         return None
     with socket.socket(socket.AF_UNIX) as connection:
         try:
-            connection.connect(address)
+            connection.connect(f"\0{address}")
+            if not ours(connection):
+                return None
             message = request(argv)
             socket.send_fds(connection, [LENGTH.pack(len(message))], [0, 1, 2])
             connection.sendall(message)

@@ -16,8 +16,8 @@ import contextlib
 import gc
 import importlib
 import os
+import secrets
 import select
-import shutil
 import signal
 import socket
 import subprocess
@@ -43,8 +43,6 @@ _LIBRARIES = (
 )  # fmt: skip
 #: Fewer jobs than this take less than the warm process's own imports.
 _WORTHWHILE = 10
-#: A socket's address has at most 107 characters.
-_LONGEST_FOLDER = 70
 _GONE = select.POLLHUP | select.POLLERR | select.POLLRDHUP
 
 
@@ -55,9 +53,7 @@ def keep_warm(jobs: int) -> None:
     """
     if jobs < _WORTHWHILE or warm.VARIABLE in os.environ:
         return
-    short = None if len(tempfile.gettempdir()) < _LONGEST_FOLDER else "/tmp"
-    folder = tempfile.mkdtemp(prefix="vibraverse-warm-", dir=short)
-    address = os.path.join(folder, "socket")
+    address = f"vibraverse-{os.getpid()}-{secrets.token_hex(8)}"
     # Nobody holds the pipe's writing end any more when this process has ended, so that the other one reads its end.
     reading, _held = os.pipe()
     subprocess.Popen(
@@ -76,22 +72,19 @@ def keep_warm(jobs: int) -> None:
 def main(address: str, run_ends: int) -> None:
     """Import, then fork jobs until ``run_ends``, a pipe, has no writer any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which tells by ending
-    try:
-        for step in preparation():
-            if select.select([run_ends], [], [], 0)[0]:
-                return
-            with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
-                step()
-        if threads() > 1:  # a fork might wait for ever for one that it does not have
+    for step in preparation():
+        if select.select([run_ends], [], [], 0)[0]:
             return
-        gc.collect()
-        gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
-        with socket.socket(socket.AF_UNIX) as listening:
-            listening.bind(address)
-            listening.listen(64)
-            Server(listening, run_ends).serve()
-    finally:
-        shutil.rmtree(os.path.dirname(address), ignore_errors=True)
+        with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
+            step()
+    if threads() > 1:  # a fork might wait for ever for one that it does not have
+        return
+    gc.collect()
+    gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(f"\0{address}")
+        listening.listen(64)
+        Server(listening, run_ends).serve()
 
 
 def preparation() -> list[Callable[[], object]]:
@@ -169,6 +162,9 @@ class Server:
     def _begin(self) -> None:
         """Fork the job of the next command."""
         connection, _ = self._listening.accept()
+        if not warm.ours(connection):
+            connection.close()
+            return
         server = os.getpid()
         try:
             job = os.fork()
