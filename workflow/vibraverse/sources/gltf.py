@@ -24,7 +24,10 @@ def pack(data: bytes, folder: Path) -> bytes:
     An image that is not there is dropped, because geometry does not need it. Raises ``ValueError`` when
     ``data`` is not glTF 2.0 and ``FileNotFoundError`` when a buffer is missing.
     """
-    document = json.loads(data)
+    try:
+        document = json.loads(data)
+    except UnicodeDecodeError:
+        raise ValueError("it is no text") from None
     if not isinstance(document, dict) or "asset" not in document:
         raise ValueError("this is JSON, but not glTF")
     views = document.setdefault("bufferViews", [])
