@@ -161,7 +161,8 @@ def _run_stage(name: str, argv: list[str], command: list[str]) -> int:
     from vibraverse.config import ConfigError, validate
     from vibraverse.stage import Job, run
 
-    sys.stdout.reconfigure(line_buffering=True)  # a log has what was said in its order
+    if hasattr(sys.stdout, "reconfigure"):
+        sys.stdout.reconfigure(line_buffering=True)  # a log has what was said in its order
     threads = asked_threads(argv)
     set_threads(int(threads) if threads.isdigit() else 1)
     stage = importlib.import_module(f"vibraverse.stages.{name}").STAGE
