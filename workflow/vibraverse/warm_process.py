@@ -156,8 +156,8 @@ class Server:
                 elif descriptor in self._connections:  # the command is gone
                     self._poll.unregister(descriptor)
                     os.kill(self._connections[descriptor][1], signal.SIGKILL)
-                elif open_:
-                    self._begin()
+                elif open_ and descriptor == self._listening.fileno():
+                    self._begin()  # any other is that of a command that went together with its job, a moment ago
 
     def _begin(self) -> None:
         """Fork the job of the next command."""
