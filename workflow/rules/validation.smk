@@ -32,7 +32,7 @@ rule validation_modes:
     input:
         meshes=paths.validation_meshes,
     output:
-        comparison=paths.validation_comparison,
+        record=paths.validation_comparison,
     log:
         paths.log("validation_modes", "body"),
     benchmark:
@@ -54,7 +54,7 @@ rule validation_modes:
         "vibraverse validation_modes "
         "--object {wildcards.body} "
         "--meshes {input.meshes:q} "
-        "--comparison {output.comparison:q} "
+        "--record {output.record:q} "
         "--threads {threads} > {log:q} 2>&1"
 
 

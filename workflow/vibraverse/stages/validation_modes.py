@@ -16,7 +16,7 @@ def run(job: Job) -> None:
         meshes = [(h5[f"{number}/points"][()], h5[f"{number}/cells"][()]) for number in range(len(h5))]
         scale_m = float(h5.attrs["scale_m"])
     rows = study(BODIES[job.object], meshes, scale_m)
-    job.write_record({"body": job.object, "rows": rows}, "comparison")
+    job.write_record({"body": job.object, "rows": rows})
     print(
         f"{len(rows)} comparisons, {sum(row['verdict'] == 'missed' for row in rows)} outside their tolerance"
     )
@@ -26,7 +26,7 @@ STAGE = Stage(
     name="validation_modes",
     help="compare a body's frequencies with those it must have",
     inputs={"meshes": "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"},
-    outputs={"comparison": "every frequency beside its reference (JSON)"},
+    outputs={"record": "every frequency beside its reference (JSON)"},
     run=run,
     libraries=("h5py", "numpy", "scipy", "scikit-fem", "pypardiso"),
 )
