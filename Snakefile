@@ -3,7 +3,7 @@ import os
 
 from snakemake.utils import min_version
 
-from vibraverse import preflight
+from vibraverse.machine import preflight
 
 min_version("9.20")
 

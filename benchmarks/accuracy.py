@@ -56,11 +56,11 @@ def _row(name: str, target: int, fine: int) -> str:
 
 
 def surface(object_: str, solidity: str):
-    from vibraverse.geometry.clean import clean
+    from vibraverse.contract.seeds import rng
+    from vibraverse.files.meshes import read_mesh
+    from vibraverse.geometry.cleaning.clean import clean
     from vibraverse.geometry.grids import Sampler
     from vibraverse.geometry.hollow import hollow
-    from vibraverse.meshfiles import read_mesh
-    from vibraverse.seeds import rng
     from vibraverse.sources.bundled import BUNDLED, locate
     from vibraverse.sources.families import generate
     from vibraverse.validation.bodies import BODIES
@@ -81,7 +81,7 @@ def surface(object_: str, solidity: str):
 def _frequencies(outside, target: int) -> dict:
     import time
 
-    from vibraverse.geometry.tets import tetrahedralise
+    from vibraverse.geometry.meshing.tets import tetrahedralise
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.modes import reduced_solve
 

@@ -12,11 +12,11 @@ from pathlib import Path
 
 import h5py
 
+from vibraverse.contract.products import sha256
 from vibraverse.dataset import schema
-from vibraverse.dataset.checksums import checksums
-from vibraverse.dataset.recompute import repeats
-from vibraverse.dataset.validator import problems
-from vibraverse.products import sha256
+from vibraverse.dataset.check.recompute import repeats
+from vibraverse.dataset.check.validator import problems
+from vibraverse.dataset.schema.checksums import checksums
 
 
 def main() -> None:

@@ -64,7 +64,7 @@ def finest(name: str, fine: int):
     """Return the frequencies of an object on a fine mesh, 1, and its meshes."""
     from accuracy import surface
 
-    from vibraverse.geometry.tets import tetrahedralise
+    from vibraverse.geometry.meshing.tets import tetrahedralise
 
     object_, _, solidity = name.partition(":")
     outside = surface(object_, solidity or "solid")

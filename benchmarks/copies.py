@@ -40,7 +40,7 @@ def main() -> None:
 
 
 def _print(one: str, other: str, first, second) -> None:
-    from vibraverse.dataset.copies import groups
+    from vibraverse.dataset.split.copies import groups
 
     moments, spectrum = (100 * np.abs(np.log(a) - np.log(b)) for a, b in zip(first, second, strict=True))
     same = groups({"a": first, "b": second})["b"] == "a"
@@ -53,12 +53,12 @@ def _print(one: str, other: str, first, second) -> None:
 
 @cache
 def _fingerprint(name: str, kind: str = "") -> tuple[np.ndarray, np.ndarray]:
-    from vibraverse.dataset.copies import scale_free_spectrum
-    from vibraverse.geometry.clean import clean
+    from vibraverse.contract.seeds import rng
+    from vibraverse.dataset.split.copies import scale_free_spectrum
+    from vibraverse.geometry.cleaning.clean import clean
+    from vibraverse.geometry.meshing.tets import tetrahedralise
     from vibraverse.geometry.moments import scale_free_moments
-    from vibraverse.geometry.tets import tetrahedralise
     from vibraverse.physics.basis import build_basis
-    from vibraverse.seeds import rng
 
     body = clean(*_variant(name, kind))
     tets = tetrahedralise(body.vertices, body.faces)

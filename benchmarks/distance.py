@@ -18,8 +18,8 @@ set_threads(1)
 import numpy as np  # noqa: E402
 from open3d.t.geometry import RaycastingScene  # noqa: E402
 
-from vibraverse import meshfiles  # noqa: E402
-from vibraverse.geometry.distance import grid_distance  # noqa: E402
+from vibraverse.files import meshes  # noqa: E402
+from vibraverse.geometry.distance.field import grid_distance  # noqa: E402
 from vibraverse.geometry.grids import cell_centres  # noqa: E402
 
 
@@ -46,7 +46,7 @@ def main() -> None:
     grid_distance(np.eye(3), np.array([[0, 1, 2]]), *[x[:2]] * 3)
     print(f"{'object':<20} {'triangles':>9} {'ours':>7} {'Open3D':>7} {'ratio':>6}  difference")
     for path in arguments.surfaces:
-        vertices, faces = meshfiles.read_ply(path)
+        vertices, faces = meshes.read_ply(path)
         ours, mine = timed(lambda v=vertices, f=faces: grid_distance(v, f, x, x, x))
         theirs, usual = timed(lambda v=vertices, f=faces: open3d_distance(v, f, points))
         row = f"{path.parent.name:<20} {len(faces):>9} {mine:>6.2f}s {usual:>6.2f}s {usual / mine:>6.1f}"

@@ -104,7 +104,7 @@ def _meshed(body: str, order: int, unknowns: int):
     """Mesh an object so often that the number of unknowns comes near."""
     import numpy as np
 
-    from vibraverse.geometry.tets import tetrahedralise
+    from vibraverse.geometry.meshing.tets import tetrahedralise
 
     name, _, solidity = body.partition(":")
     outside = surface(name, solidity or "solid")
@@ -130,7 +130,7 @@ def _run(folder: Path, solver: str, lowest: float | None):
     from scipy.sparse.linalg import eigsh
 
     from meshes import box
-    from vibraverse.limits import keep_memory
+    from vibraverse.contract.limits import keep_memory
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.columns import residuals
     from vibraverse.physics.eigensolver import RIGID, solve

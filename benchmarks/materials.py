@@ -64,13 +64,13 @@ def main() -> None:
 
 def _row(name: str, count: int, many: int) -> dict:
     from vibraverse.config.physics import Sampled
-    from vibraverse.geometry.tets import tetrahedralise
+    from vibraverse.contract.seeds import rng
+    from vibraverse.geometry.meshing.tets import tetrahedralise
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.eigensolver import solve
     from vibraverse.physics.elasticity import assemble
     from vibraverse.physics.materials import sampled
     from vibraverse.physics.modes import solve_material, solve_materials
-    from vibraverse.seeds import rng
 
     object_, _, solidity = name.partition(":")
     mesh = tetrahedralise(*surface(object_, solidity or "solid"))

@@ -50,7 +50,7 @@ def main() -> None:
 
 def _work(arguments):
     from vibraverse.sources.families import FAMILIES
-    from vibraverse.sources.files import find
+    from vibraverse.sources.search import find
 
     for path in arguments.paths:
         yield from (("file", str(file)) for file in find(path).values())
@@ -74,8 +74,8 @@ def _measure(task: tuple[str, str]) -> dict:
     try:
         _warm_up()
         if kind == "file":
-            from vibraverse.meshfiles import read_mesh
-            from vibraverse.sources.files import FORMATS
+            from vibraverse.files.meshes import read_mesh
+            from vibraverse.sources.search import FORMATS
 
             mesh = read_mesh(Path(name), FORMATS[Path(name).suffix.lower()])
         else:
@@ -93,10 +93,10 @@ def _measure(task: tuple[str, str]) -> dict:
 
 
 def _chain(vertices, faces, name: str, row: dict, cpu: dict) -> None:
+    from vibraverse.contract.seeds import rng
     from vibraverse.geometry import grids, surfaces
-    from vibraverse.geometry.clean import clean
+    from vibraverse.geometry.cleaning.clean import clean
     from vibraverse.geometry.hollow import hollow
-    from vibraverse.seeds import rng
 
     def timed(stage, function, *values):
         start = time.process_time()
@@ -122,8 +122,9 @@ def _chain(vertices, faces, name: str, row: dict, cpu: dict) -> None:
 
 
 def _tets(solidity: str, surface, row: dict, timed) -> None:
-    from vibraverse.geometry import quality, surfaces
-    from vibraverse.geometry.tets import tetrahedralise
+    from vibraverse.geometry import surfaces
+    from vibraverse.geometry.meshing import quality
+    from vibraverse.geometry.meshing.tets import tetrahedralise
     from vibraverse.physics.basis import boundary
 
     try:

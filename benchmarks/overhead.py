@@ -64,7 +64,8 @@ def cpu_s() -> float:
 
 def replay(folder: Path, objects: int | None) -> tuple[dict[str, list[float]], dict[str, int]]:
     """Repeat jobs in this process; return stage -> the seconds of each but the first, and stage -> jobs there were."""
-    from vibraverse import cli, limits
+    from vibraverse import cli
+    from vibraverse.contract import limits
 
     def call(function, *arguments, **_):
         return function(*arguments)

@@ -3,8 +3,8 @@
 python benchmarks/scheduling.py [OBJECTS] [--seconds 0.5] [--cores 8]
 
 Every stage is replaced by a shell script that sleeps and makes the files it is asked for, so that what is left is
-Snakemake with this workflow. Both sides in one run: as it is by itself, and with `vibraverse.many_jobs` and the default
-profile's `scheduler-subsample`, which is how the workflow runs it.
+Snakemake with this workflow. Both sides in one run: as it is by itself, and with
+`vibraverse.machine.patches` and the default profile's `scheduler-subsample`, which is how the workflow runs it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ done
 #: Snakemake in a process that says at its end what it took; with an argument, nothing is spared.
 MEASURED = """\
 import os, resource, sys, threading, time
-from vibraverse import many_jobs
+from vibraverse.machine import patches
 if sys.argv.pop(1) == "alone":
     many_jobs.prepare = many_jobs.planned = lambda: None
 most, began = [0], time.monotonic()

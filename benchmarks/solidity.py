@@ -150,8 +150,8 @@ def _frequencies(results: Path, material: str) -> dict[str, np.ndarray]:
     """Return object -> natural logarithms of the frequencies (2, m) of its solid and hollow body, where it has both."""
     import h5py
 
-    from vibraverse.modesfile import read_spectrum
-    from vibraverse.refusal import read_refusal
+    from vibraverse.contract.refusal import read_refusal
+    from vibraverse.files.modes import read_spectrum
 
     found = {}
     for folder in sorted((results / "objects").iterdir()):

@@ -52,7 +52,7 @@ def main() -> None:
 def _described(job: tuple[str, int]) -> tuple[int, np.ndarray]:
     """Return the number of elements and the frequencies of an object as it comes (0) or described anew."""
     from test_stability import described_anew, frequencies, source
-    from vibraverse.seeds import rng
+    from vibraverse.contract.seeds import rng
 
     (name, _, solidity), seed = job[0].partition(":"), job[1]
     vertices, faces, scale = *source(name), 1.0

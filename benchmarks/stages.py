@@ -8,8 +8,8 @@ from __future__ import annotations
 import sys
 from collections import defaultdict
 
-from vibraverse import measured
-from vibraverse.paths import Paths
+from vibraverse.flow.paths import Paths
+from vibraverse.upkeep import measured
 
 
 def main() -> None:

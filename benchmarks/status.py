@@ -13,10 +13,10 @@ import time
 from pathlib import Path
 
 from vibraverse.config import parse
-from vibraverse.lineage import jobs
-from vibraverse.plan import Plan
-from vibraverse.refusal import Refusal
-from vibraverse.targets import object_products
+from vibraverse.contract.refusal import Refusal
+from vibraverse.flow.plan import Plan
+from vibraverse.flow.targets import object_products
+from vibraverse.upkeep.lineage import jobs
 
 ROW = "s\th:m:s\tmax_rss\n2.5\t0:00:02\t100\n"
 

@@ -22,8 +22,8 @@ import tempfile
 import time
 from pathlib import Path
 
-from vibraverse import containers
-from vibraverse.texts import unknown
+from vibraverse.contract.texts import unknown
+from vibraverse.machine import containers
 
 #: Packs three times as fast as the default and unpacks faster; every kernel since 4.14 reads it.
 _PACKING = ["--mksquashfs-args", "-comp zstd -Xcompression-level 6"]

@@ -52,7 +52,7 @@ class Check:
     """A folder with a tiny plan, in which stages run as the rules call them."""
 
     def __init__(self, results: Path):
-        from vibraverse.plan import Plan
+        from vibraverse.flow.plan import Plan
 
         (results / "crossed.off").write_text(crossed())
         self.plan = Plan(
@@ -81,7 +81,7 @@ class Check:
     def run(self, stage: str, *arguments, object_: str = OBJECT, solidity: str = "", **products) -> None:
         """Run a stage; products are named like its arguments."""
         from vibraverse.cli import main
-        from vibraverse.refusal import read_refusal
+        from vibraverse.contract.refusal import read_refusal
 
         command = [stage, *arguments]
         if stage not in ("dataset", "index", "report"):
@@ -139,7 +139,7 @@ def geometry(check: Check) -> None:
 
 def fem(check: Check) -> None:
     """From a box of six tetrahedra to a sound."""
-    from vibraverse.tetfiles import write_tets
+    from vibraverse.files.tets import write_tets
 
     paths = check.plan.paths
     tets, basis, modes = check.at(paths.tets), check.at(paths.basis), check.at(paths.modes)
@@ -158,7 +158,7 @@ def fem(check: Check) -> None:
 
 def render(check: Check) -> None:
     """A view of a box."""
-    from vibraverse.meshfiles import write_ply
+    from vibraverse.files.meshes import write_ply
 
     points, tets = box()
     surface = check.at(check.plan.paths.surface)
@@ -178,8 +178,9 @@ def _boundary(tets) -> list[tuple[int, ...]]:
 
 def refuse_all(check: Check) -> Path:
     """Put a refusal in the place of every product; return the path of the shard they belong to."""
-    from vibraverse import products, targets
-    from vibraverse.refusal import Refusal
+    from vibraverse.contract import products
+    from vibraverse.contract.refusal import Refusal
+    from vibraverse.flow import targets
 
     refusal = Refusal(OBJECT, "clean", "empty", "nothing to see", "add triangles").to_text()
     for product in targets.shard_products(check.plan, check.plan.shard_of(OBJECT)):
@@ -206,9 +207,9 @@ def packed(check: Check) -> Path:
     """Return a shard of refused objects, packed by the library, as the stage needs more packages."""
     import h5py
 
-    from vibraverse import products
     from vibraverse.config.dataset import ShardOptions
-    from vibraverse.dataset.pack import finish, pack_object
+    from vibraverse.contract import products
+    from vibraverse.dataset.write.pack import finish, pack_object
 
     shard = refuse_all(check)
     options = ShardOptions.model_validate_json(check.options("dataset")[1])
@@ -223,11 +224,11 @@ def packed(check: Check) -> Path:
 
 def report(check: Check) -> None:
     """The page of a dataset of refused objects, indexed by the library."""
-    from vibraverse import products
-    from vibraverse.dataset.reader import Reader
+    from vibraverse.contract import products
+    from vibraverse.dataset.read.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
-    from vibraverse.dataset.summary import summary
-    from vibraverse.dataset.tables import to_tsv
+    from vibraverse.dataset.schema.tables import to_tsv
+    from vibraverse.dataset.write.summary import summary
 
     shard = packed(check)
     paths = check.plan.paths
@@ -296,7 +297,7 @@ def from_elsewhere() -> list[str]:
 
 def main(family: str) -> None:
     """Check one family; an exception says what is wrong."""
-    from vibraverse.compiled import use_compiled_loops
+    from vibraverse.machine.compiled import use_compiled_loops
 
     use_compiled_loops()
     packages(family)

@@ -53,8 +53,8 @@ def report_page(tmp_path_factory) -> Path:
 @pytest.fixture
 def vibraverse(capfd, monkeypatch):
     """Run the command line in this process: ``vibraverse("clean", …)`` returns (exit status, output, errors)."""
-    from vibraverse import limits
     from vibraverse.cli import main
+    from vibraverse.contract import limits
 
     # A process of one job may keep all memory; in this one, and in what is forked from it, limits would then not hold.
     monkeypatch.setattr(limits, "keep_memory", lambda: None)

@@ -16,17 +16,18 @@ import numpy as np
 import trimesh
 from PIL import Image
 
-from vibraverse import meshfiles, products
 from vibraverse.cli import main
 from vibraverse.config.media import Audio
 from vibraverse.config.physics import Sampled
+from vibraverse.contract import products
+from vibraverse.contract.refusal import Refusal
+from vibraverse.contract.seeds import rng
+from vibraverse.files import meshes
+from vibraverse.files.tets import write_tets
+from vibraverse.flow.paths import Paths
 from vibraverse.media.audio import wav_bytes
-from vibraverse.paths import Paths
 from vibraverse.physics.impulse import impact_sound
 from vibraverse.physics.materials import MATERIALS, lame, sampled
-from vibraverse.refusal import Refusal
-from vibraverse.seeds import rng
-from vibraverse.tetfiles import write_tets
 
 MATERIAL_NAMES = ("ceramic", "glass", "wood", "steel")
 LOOKS = ("clay", *MATERIAL_NAMES)
@@ -189,8 +190,8 @@ def _object(paths: Paths, object_id: str, vertices, faces, views: int) -> None:
         "provenance": provenance("sources", object_id, seed=object_id),
     }
     products.write_json(at(paths.source_record), source)
-    meshfiles.write_ply(at(paths.source_mesh), vertices, faces)
-    meshfiles.write_ply(at(paths.surface), vertices, faces)
+    meshes.write_ply(at(paths.source_mesh), vertices, faces)
+    meshes.write_ply(at(paths.surface), vertices, faces)
     clean = {
         "object": object_id,
         "rung": "as it is",
@@ -232,7 +233,7 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
     if solidity == "hollow":
         inner = np.concatenate([vertices, 0.5 * vertices])
         both = np.concatenate([faces, faces[:, ::-1] + len(vertices)])
-        meshfiles.write_ply(at(paths.hollow_surface), inner, both)
+        meshes.write_ply(at(paths.hollow_surface), inner, both)
         record = {"t": 0.5, "s_min": -0.3, "provenance": provenance("hollow", object_id, "hollow")}
         products.write_json(at(paths.hollow_record), record)
     points = np.concatenate([vertices, [[0.0, 0.0, 0.0]]])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from vibraverse import preflight
+from vibraverse.machine import preflight
 
 
 def stub(folder, name: str, text: str) -> None:

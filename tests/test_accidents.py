@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 
 import make_products
-from vibraverse import products
-from vibraverse.paths import Paths
-from vibraverse.plan import Plan
-from vibraverse.targets import shard_products
+from vibraverse.contract import products
+from vibraverse.flow.paths import Paths
+from vibraverse.flow.plan import Plan
+from vibraverse.flow.targets import shard_products
 from workflow_runs import Run
 
 #: How often whole runs are killed at random moments; some 10 s each.

@@ -11,11 +11,11 @@ import pytest
 import soundfile
 
 from vibraverse.config.media import Audio, split_sound
+from vibraverse.contract.products import sha256, write_provenance
+from vibraverse.contract.refusal import Refusal, read_refusal
 from vibraverse.media.audio import PEAK_DBFS, wav_bytes
 from vibraverse.media.spectrogram import FLOOR_DB, mel, mel_levels
 from vibraverse.physics.impulse import impact_sound
-from vibraverse.products import sha256, write_provenance
-from vibraverse.refusal import Refusal, read_refusal
 
 FREQUENCIES = {"ceramic": [900.0, 2100.0, 5300.0, 40_000.0], "rubber-p1": [200.0, 450.0, 900.0, 1500.0]}
 DAMPING = {"ceramic": [8.0, 12.0, 30.0, 90.0], "rubber-p1": [400.0, 600.0, 8000.0, 20_000.0]}

@@ -9,15 +9,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from meshes import box, distorted_box
-from vibraverse.basisfile import read_basis, write_basis
+from vibraverse.contract.refusal import Refused
+from vibraverse.contract.seeds import rng
+from vibraverse.files.basis import read_basis, write_basis
 from vibraverse.physics.basis import boundary, build_basis, rigid_body
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
 from vibraverse.physics.materials import lame
 from vibraverse.physics.modes import reduced_solve
 from vibraverse.physics.reduction import Reduction
-from vibraverse.refusal import Refused
-from vibraverse.seeds import rng
 
 SIDES = (1.0, 0.8, 0.5)
 

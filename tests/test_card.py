@@ -10,9 +10,9 @@ import pytest
 from PIL import Image
 
 import make_products
-from vibraverse import products
 from vibraverse.config.dataset import Card
-from vibraverse.dataset.card import card, cite
+from vibraverse.contract import products
+from vibraverse.dataset.publish.card import card, cite
 
 #: What Croissant 1.0 asks of a dataset, of its files and of its record sets and fields.
 REQUIRED = (

@@ -13,9 +13,9 @@ import pytest
 
 import make_products
 import vibraverse.dataset
-from vibraverse.dataset import check
-from vibraverse.dataset.checksums import checksums
-from vibraverse.products import sha256
+from vibraverse.contract.products import sha256
+from vibraverse.dataset.check import folder
+from vibraverse.dataset.schema.checksums import checksums
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +31,7 @@ def dataset(whole, tmp_path) -> Path:
 @pytest.fixture
 def in_this_process(monkeypatch):
     """Look into shards here: the child process of every flip would cost a second."""
-    monkeypatch.setattr(check, "run_limited", lambda function, *arguments, **_: function(*arguments))
+    monkeypatch.setattr(folder, "run_limited", lambda function, *arguments, **_: function(*arguments))
 
 
 def flip(path: Path, place: int, bit: int = 0) -> None:
@@ -72,11 +72,11 @@ def test_a_hundred_flipped_bytes_are_found(dataset, in_this_process):
         shard = dataset / "shards" / name
         kept = shard.read_bytes()
         flip(shard, draw.randrange(len(kept)), draw.randrange(8))
-        found = list(check.findings(dataset))
+        found = list(folder.findings(dataset))
         assert found
         assert {finding.file for finding in found} == {f"shards/{name}"}
         shard.write_bytes(kept)
-    assert list(check.findings(dataset)) == []
+    assert list(folder.findings(dataset)) == []
 
 
 def stored(h5) -> list[tuple[str, int, int]]:
@@ -105,7 +105,7 @@ def test_a_hundred_flips_in_arrays_name_their_object(dataset, in_this_process):
         object_id, start, length = draw.choice(arrays[shard])
         kept = shard.read_bytes()
         flip(shard, start + draw.randrange(length), draw.randrange(8))
-        first = next(check.findings(dataset))
+        first = next(folder.findings(dataset))
         assert (first.file, first.object) == (f"shards/{shard.name}", object_id), first
         shard.write_bytes(kept)
 
@@ -124,14 +124,14 @@ def test_a_wrong_byte_is_said_in_one_line_and_the_exit_code(dataset, vibraverse)
 
 def test_a_shard_that_hdf5_cannot_open_is_a_finding(dataset):
     (dataset / "shards/0.h5").write_bytes(b"\0" * 1000)
-    (finding,) = check.findings(dataset)
+    (finding,) = folder.findings(dataset)
     assert str(finding).startswith("shards/0.h5: HDF5 cannot open it")
 
 
 def test_a_crash_of_hdf5_is_a_finding(dataset, monkeypatch):
-    monkeypatch.setattr(check, "_inside", crash)
+    monkeypatch.setattr(folder, "_inside", crash)
     flip(dataset / "shards/0.h5", 100)
-    (finding,) = check.findings(dataset)
+    (finding,) = folder.findings(dataset)
     assert str(finding).startswith("shards/0.h5: reading it crashed (SIGSEGV)")
 
 
@@ -151,7 +151,7 @@ def test_flips_beside_the_shards_are_found(dataset, name):
     kept = path.read_bytes()
     for _ in range(25):
         flip(path, draw.randrange(len(kept)), draw.randrange(8))
-        found = list(check.findings(dataset))
+        found = list(folder.findings(dataset))
         # Of dataset.json and its line in SHA256SUMS either may be the wrong one.
         assert any(name in str(finding) for finding in found), found
         assert not any(finding.file.startswith("shards/") for finding in found), found
@@ -161,14 +161,14 @@ def test_flips_beside_the_shards_are_found(dataset, name):
 def test_a_wrong_line_of_the_index_names_its_object(dataset):
     index = dataset / "index.tsv"
     index.write_text(index.read_text().replace("bar-0000\tsolid\twood", "bar-0000\tsolid\tgold"))
-    (finding,) = check.findings(dataset)
+    (finding,) = folder.findings(dataset)
     assert (finding.file, finding.object) == ("index.tsv", "bar-0000")
 
 
 def test_lost_and_strange_files_are_named(dataset):
     shutil.copy(dataset / "shards/1.h5", dataset / "shards/7.h5")
     (dataset / "shards/1.h5").unlink()
-    found = [str(finding) for finding in check.findings(dataset)]
+    found = [str(finding) for finding in folder.findings(dataset)]
     assert "shards/1.h5: it is not there, but dataset.json and SHA256SUMS list it" in found
     assert "shards/7.h5: it is no file of this dataset: move it away" in found
 
@@ -176,7 +176,7 @@ def test_lost_and_strange_files_are_named(dataset):
 def test_a_stranger_is_one_finding_and_nothing_of_ours_is_deleted(dataset, vibraverse):
     (dataset / "notes.txt").write_text("mine")
     (dataset / "shards/.1.partial.0.h5").write_text("of a killed job")
-    (finding,) = check.findings(dataset)
+    (finding,) = folder.findings(dataset)
     assert str(finding) == "notes.txt: it is no file of this dataset: move it away"
     before = sorted(dataset.rglob("*"))
     status, out, _ = vibraverse("repair", "--results", dataset.parent, "--delete")
@@ -189,7 +189,7 @@ def test_a_stranger_is_one_finding_and_nothing_of_ours_is_deleted(dataset, vibra
 @pytest.mark.parametrize("witness", ["dataset.json", "SHA256SUMS"])
 def test_without_a_witness_no_file_is_a_stranger(dataset, witness):
     (dataset / witness).write_text("")
-    found = list(check.findings(dataset))
+    found = list(folder.findings(dataset))
     assert found
     assert not any(finding.stranger for finding in found)
 
@@ -205,7 +205,7 @@ def test_pictures_are_missing_only_where_some_were_made(tmp_path, looks):
     make_products.call(
         "dataset", "--shard", shard, "--options", make_products.options(tmp_path, ["bar-0000"], looks=[])
     )
-    found = [finding.sentence for finding in check.findings(shard)]
+    found = [finding.sentence for finding in folder.findings(shard)]
     assert found == (["views/{look} is missing"] if looks else [])
 
 
@@ -274,7 +274,7 @@ STEEL = "bar-0000/solid/materials/steel"
 )  # fmt: skip
 def test_what_no_checksum_can_tell_is_found(dataset, change, sentence):
     rewrite(dataset, "1.h5", change)
-    found = list(check.findings(dataset, share=1.0))
+    found = list(folder.findings(dataset, share=1.0))
     assert found
     assert {(finding.file, finding.object) for finding in found} == {("shards/1.h5", "bar-0000")}
     assert any(sentence in finding.sentence for finding in found), found
@@ -289,7 +289,7 @@ def test_shapes_agree_with_each_other(dataset):
         objects[f"{STEEL}/mode_coefficients"].attrs["unit"] = unit
 
     rewrite(dataset, "1.h5", change)
-    (finding,) = check.findings(dataset)
+    (finding,) = folder.findings(dataset)
     assert "solid: steel: mode_coefficients has 63 columns, not 64 or 68" in finding.sentence
 
 
@@ -308,7 +308,7 @@ def solved_directly(vertices: int):
 
 def test_a_material_solved_on_the_mesh_has_its_shapes_as_they_are(dataset):
     rewrite(dataset, "1.h5", solved_directly(26))
-    assert not list(check.findings(dataset, share=1.0))
+    assert not list(folder.findings(dataset, share=1.0))
     with vibraverse.dataset.open(dataset) as reader:
         np.testing.assert_array_equal(
             reader.read("mode_shapes", "bar-0000", "solid", "steel"), np.ones((64, 26, 3))
@@ -330,7 +330,7 @@ def test_shapes_that_are_stored_are_those_of_a_solve_on_the_mesh(dataset, vertic
         objects[STEEL].attrs["solved_directly"] = directly
 
     rewrite(dataset, "1.h5", change)
-    (finding,) = check.findings(dataset)
+    (finding,) = folder.findings(dataset)
     assert sentence in finding.sentence
 
 

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import shapes
-from vibraverse import meshfiles
+from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.files import meshes
 from vibraverse.geometry import repair, surfaces
-from vibraverse.geometry.clean import clean
-from vibraverse.geometry.closest import ClosestPoint
-from vibraverse.geometry.judge import judge
-from vibraverse.geometry.ladder import RUNGS
-from vibraverse.refusal import Refused, read_refusal
+from vibraverse.geometry.cleaning.clean import clean
+from vibraverse.geometry.cleaning.judge import judge
+from vibraverse.geometry.cleaning.ladder import RUNGS
+from vibraverse.geometry.distance.closest import ClosestPoint
 
 
 def bundled(name):
@@ -170,7 +170,7 @@ def test_a_closed_surface_says_how_its_volume_and_area_changed():
 
 @pytest.mark.parametrize(("name", "volume"), [("airplane.ply", 0.0444), ("ant.ply", 0.0832)])
 def test_bundled_models_of_loose_parts_become_bodies_that_look_like_them(name, volume):
-    source = meshfiles.read_mesh(bundled(name))
+    source = meshes.read_mesh(bundled(name))
     body = clean(source.vertices, source.faces)
     check_normalised(body)
     assert body.rung == "wrap"
@@ -184,7 +184,7 @@ def test_bundled_models_of_loose_parts_become_bodies_that_look_like_them(name, v
 
 
 def test_the_nut_needs_no_repair():
-    source = meshfiles.read_mesh(bundled("nut.ply"))
+    source = meshes.read_mesh(bundled("nut.ply"))
     body = clean(source.vertices, source.faces)
     assert body.rung == "as-is"
     assert surfaces.topology(body.faces, len(body.vertices)).genus == 1
@@ -193,7 +193,7 @@ def test_the_nut_needs_no_repair():
 def test_public_closed_models_pass(shared_meshes):
     rungs = {}
     for path in sorted((shared_meshes / "clean").iterdir()):
-        source = meshfiles.read_mesh(path)
+        source = meshes.read_mesh(path)
         body = clean(source.vertices, source.faces)
         check_normalised(body)
         rungs[path.name] = body.rung
@@ -257,7 +257,7 @@ def test_bodies_apart_are_united_once_for_all_rungs(monkeypatch):
 
 
 def test_a_very_dense_mesh_is_thinned_without_losing_volume(monkeypatch):
-    import vibraverse.geometry.clean as module
+    import vibraverse.geometry.cleaning.clean as module
 
     monkeypatch.setattr(module, "_DENSE", 3000)
     vertices, faces = shapes.ball(subdivisions=4)
@@ -302,10 +302,10 @@ def run(vibraverse, tmp_path):
 
 def test_the_stage_writes_the_surface_and_what_was_done(run):
     vertices, faces = shapes.ball(radius=20.0, subdivisions=2)
-    status, errors, surface, record = run(meshfiles.ply_bytes(vertices, faces), unit_m=0.01, size_m=None)
+    status, errors, surface, record = run(meshes.ply_bytes(vertices, faces), unit_m=0.01, size_m=None)
     assert status == 0, errors
     said = json.loads(record.read_text())
-    points, triangles = meshfiles.read_ply(surface)
+    points, triangles = meshes.read_ply(surface)
     assert (said["rung"], said["vertices"], said["triangles"]) == ("as-is", len(points), len(triangles))
     assert said["size_m"] == pytest.approx(0.4)
     assert said["scale"] == pytest.approx(1.8 / 40)
@@ -315,7 +315,7 @@ def test_the_stage_writes_the_surface_and_what_was_done(run):
     assert said["dropped"] == {"parts": 0, "volume_share": 0.0}
     assert (said["filled_cavities"], said["volume_change"], said["area_change"]) == (0, 0.0, 0.0)
     assert said["deviation"]["hausdorff"] == 0.0
-    again = run(meshfiles.ply_bytes(vertices, faces), "again", unit_m=0.01, size_m=None)
+    again = run(meshes.ply_bytes(vertices, faces), "again", unit_m=0.01, size_m=None)
     assert surface.read_bytes() == again[2].read_bytes()
     assert record.read_bytes() == again[3].read_bytes()
 

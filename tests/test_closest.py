@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 import shapes
-from vibraverse.geometry.closest import ClosestPoint
-from vibraverse.geometry.distance import grid_distance
+from vibraverse.contract.seeds import rng
+from vibraverse.geometry.distance.closest import ClosestPoint
+from vibraverse.geometry.distance.field import grid_distance
 from vibraverse.geometry.grids import cell_centres
-from vibraverse.seeds import rng
 
 
 def _soup(random, count):

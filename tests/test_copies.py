@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 import trimesh
 
-from vibraverse.dataset.copies import groups, scale_free_spectrum
-from vibraverse.geometry.clean import clean
+from vibraverse.contract.seeds import rng
+from vibraverse.dataset.split.copies import groups, scale_free_spectrum
+from vibraverse.geometry.cleaning.clean import clean
+from vibraverse.geometry.meshing.tets import tetrahedralise
 from vibraverse.geometry.moments import scale_free_moments
-from vibraverse.geometry.tets import tetrahedralise
 from vibraverse.physics.basis import build_basis
-from vibraverse.seeds import rng
 from vibraverse.sources.families import generate
 
 

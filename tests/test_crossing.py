@@ -9,7 +9,7 @@ import pytest
 
 import shapes
 from vibraverse.geometry import repair
-from vibraverse.geometry.crossing import crossing_faces
+from vibraverse.geometry.distance.crossing import crossing_faces
 
 FLAT = np.array([(0, 0, 0), (1, 0, 0), (0, 1, 0)], dtype=float)
 

@@ -17,11 +17,14 @@ import soundfile
 
 import make_products
 import vibraverse.dataset
-from vibraverse import products
-from vibraverse.dataset import chain, making, schema, validator
-from vibraverse.paths import Paths
+from vibraverse.contract import products
+from vibraverse.contract.refusal import Refusal, Refused, read_refusal
+from vibraverse.dataset import schema
+from vibraverse.dataset.check import validator
+from vibraverse.dataset.write import making
+from vibraverse.flow import chain
+from vibraverse.flow.paths import Paths
 from vibraverse.physics.materials import MATERIALS
-from vibraverse.refusal import Refusal, Refused, read_refusal
 
 
 @pytest.fixture(scope="module")
@@ -274,7 +277,7 @@ def test_few_shards_are_kept_open(results, monkeypatch):
     def files() -> int:
         return sum(Path(link).resolve().suffix == ".h5" for link in Path("/proc/self/fd").iterdir())
 
-    monkeypatch.setattr("vibraverse.dataset.reader._MOST_OPEN", 1)
+    monkeypatch.setattr("vibraverse.dataset.read.reader._MOST_OPEN", 1)
     before = files()
     with vibraverse.dataset.open(results / "dataset") as reader:
         assert files() == before

@@ -7,8 +7,8 @@ import pytest
 
 import shapes
 from vibraverse.geometry import surfaces
-from vibraverse.geometry.boxes import contains
-from vibraverse.geometry.deviation import deviation, samples
+from vibraverse.geometry.distance.boxes import contains
+from vibraverse.geometry.distance.deviation import deviation, samples
 
 
 def test_concentric_balls_are_their_radii_apart():

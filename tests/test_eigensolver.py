@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from meshes import box, distorted_box
+from vibraverse.contract.refusal import Refused
+from vibraverse.contract.seeds import rng
 from vibraverse.physics.columns import residuals
 from vibraverse.physics.eigensolver import RIGID, count_below, solve
 from vibraverse.physics.elasticity import assemble
 from vibraverse.physics.factorisation import factorise
 from vibraverse.physics.iterations import gap
 from vibraverse.physics.materials import lame
-from vibraverse.refusal import Refused
-from vibraverse.seeds import rng
 
 POISSON = 0.3
 

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from meshes import box, distorted_box
+from vibraverse.contract.seeds import rng
 from vibraverse.physics import enrichment
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
 from vibraverse.physics.materials import lame
 from vibraverse.physics.modes import reduced_solve
-from vibraverse.seeds import rng
 
 SIDES, DIVISIONS, MODES, POISSON = (1.0, 0.8, 0.5), (4, 3, 2), 30, 0.3
 

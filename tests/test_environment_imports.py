@@ -22,9 +22,9 @@ ENVS = WORKFLOW.parent / "envs"
 #: reader, the validator, the warm process, which imports what there is.
 NOT_ENTERED = (
     "vibraverse.config",
-    "vibraverse.dataset.pytorch",
-    "vibraverse.dataset.validator",
-    "vibraverse.warm_process",
+    "vibraverse.dataset.read.pytorch",
+    "vibraverse.dataset.check.validator",
+    "vibraverse.machine.warm_process",
 )
 
 
@@ -64,7 +64,7 @@ def third_party(start: str) -> dict[str, str]:
 
 def jobs() -> list[tuple[str, str]]:
     """Return (module, environment) for each rule that runs a stage, and for learning."""
-    found = [("vibraverse.dataset.pytorch", "learn")]
+    found = [("vibraverse.dataset.read.pytorch", "learn")]
     for path in sorted((WORKFLOW / "rules").glob("*.smk")):
         for rule in re.split(r"^ *rule ", path.read_text(), flags=re.MULTILINE)[1:]:
             stage, environment = re.search(r'"vibraverse (\w+)', rule), re.search(r"envs/(\w+)\.yaml", rule)

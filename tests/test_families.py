@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 import trimesh
 
-from vibraverse.meshfiles import ply_bytes
-from vibraverse.refusal import Refused
+from vibraverse.contract.refusal import Refused
+from vibraverse.files.formats.polygons import triangulate
+from vibraverse.files.meshes import ply_bytes
 from vibraverse.sources.families import FAMILIES, drawn, generate
-from vibraverse.sources.polygons import triangulate
-from vibraverse.sources.profiles import circle, extrude, revolve, rounded, smooth_curve, tube, wall
+from vibraverse.sources.families.profiles import circle, extrude, revolve, rounded, smooth_curve, tube, wall
 
 
 def solid_facts(vertices, faces):
@@ -131,7 +131,8 @@ def test_family(made, name):
 @pytest.mark.parametrize("name", ["bowl", "gear", "blob", "spoon"])
 def test_an_id_is_the_same_bytes_in_another_process(made, name):
     program = (
-        "import hashlib; from vibraverse.meshfiles import ply_bytes; from vibraverse.sources.families import generate;"
+        "import hashlib; from vibraverse.files.meshes import ply_bytes; "
+        "from vibraverse.sources.families import generate;"
         f"g = generate('{name}-0003'); print(hashlib.sha256(ply_bytes(g.vertices, g.faces)).hexdigest())"
     )
     other = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)

@@ -9,7 +9,7 @@ import pytest
 from mesh_bytes import make
 from vibraverse.config import ConfigError, parse
 from vibraverse.sources.catalogue import catalogue
-from vibraverse.sources.files import NoMeshes, find, slug
+from vibraverse.sources.search import NoMeshes, find, slug
 
 
 @pytest.mark.parametrize(

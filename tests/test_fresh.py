@@ -10,8 +10,8 @@ import pytest
 
 import make_products
 import vibraverse.dataset
-from vibraverse.basisfile import read_basis
-from vibraverse.paths import Paths
+from vibraverse.files.basis import read_basis
+from vibraverse.flow.paths import Paths
 from vibraverse.physics.materials import MATERIALS
 
 FIELDS = ["frequencies_hz", "damping_per_s", "young_pa", "density_kg_m3", "poisson", "size_m", "mass_kg"]

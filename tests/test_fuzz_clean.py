@@ -16,11 +16,11 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import shapes
+from vibraverse.contract.refusal import Refused
 from vibraverse.geometry import repair, surfaces
-from vibraverse.geometry.clean import clean
-from vibraverse.geometry.deviation import deviation
-from vibraverse.geometry.judge import judge
-from vibraverse.refusal import Refused
+from vibraverse.geometry.cleaning.clean import clean
+from vibraverse.geometry.cleaning.judge import judge
+from vibraverse.geometry.distance.deviation import deviation
 
 EXAMPLES = int(os.environ.get("VIBRAVERSE_FUZZ", "0"))
 SECONDS = 60.0

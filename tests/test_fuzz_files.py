@@ -25,8 +25,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mesh_bytes import SAMPLES, glb, gltf, gltf_binary, ply, stl, stl_text, threemf, threemf_text
-from vibraverse.meshfiles import read_mesh
-from vibraverse.refusal import Refused, read_refusal
+from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.files.meshes import read_mesh
 
 MINUTES = float(os.environ.get("VIBRAVERSE_FUZZ", 0))
 MAX_TRIANGLES = 2000

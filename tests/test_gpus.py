@@ -11,7 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from vibraverse import cli, gpus, preflight
+from vibraverse import cli
+from vibraverse.machine import gpus, preflight
 
 FIRST, SECOND = "GPU-11111111-aaaa", "GPU-22222222-bbbb"
 COMMAND = (str(Path(sys.executable).parent / "vibraverse"), "gpus")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import shapes
-from vibraverse import meshfiles
+from vibraverse.files import meshes
 from vibraverse.geometry import grids, surfaces
 from vibraverse.geometry.grids import Sampler, cell_centres, coarse_mesh, thickest_cell
 
@@ -121,7 +121,7 @@ def run(vibraverse, folder, name="grids", **options):
 
 def test_the_stage_writes_both_grids_and_the_box_mesh(vibraverse, tmp_path):
     vertices, faces = shapes.ball(subdivisions=3)
-    meshfiles.write_ply(tmp_path / "surface.ply", vertices, faces)
+    meshes.write_ply(tmp_path / "surface.ply", vertices, faces)
     h5_path, obj = run(vibraverse, tmp_path, fine=32)
     with h5py.File(h5_path) as h5:
         occupied, distance = h5["occupancy"], h5["signed_distance"]
@@ -132,14 +132,14 @@ def test_the_stage_writes_both_grids_and_the_box_mesh(vibraverse, tmp_path):
         assert np.array_equal(occupied[:], Sampler(vertices, faces).occupancy(16))
         assert np.array_equal(distance[:], Sampler(vertices, faces).signed_distance(32))
         count = int(occupied[:].sum())
-    box = meshfiles.read_mesh(obj)
+    box = meshes.read_mesh(obj)
     assert surfaces.volume(box.vertices, box.faces) == pytest.approx(count * 0.125**3)
     again = run(vibraverse, tmp_path, "again", fine=32)
     assert [path.read_bytes() for path in again] == [h5_path.read_bytes(), obj.read_bytes()]
 
 
 def test_the_stage_marks_a_cell_of_a_thin_body(vibraverse, tmp_path):
-    meshfiles.write_ply(tmp_path / "surface.ply", *shapes.box((1.8, 1.0, 0.01)))
+    meshes.write_ply(tmp_path / "surface.ply", *shapes.box((1.8, 1.0, 0.01)))
     h5_path, _ = run(vibraverse, tmp_path, fine=16)
     with h5py.File(h5_path) as h5:
         assert h5["occupancy"][:].sum() == 1

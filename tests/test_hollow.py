@@ -10,15 +10,15 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import shapes
-from vibraverse import meshfiles
+from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.seeds import rng
+from vibraverse.files import meshes
 from vibraverse.geometry import repair, surfaces
-from vibraverse.geometry.clean import clean
-from vibraverse.geometry.closest import ClosestPoint
-from vibraverse.geometry.crossing import crossing_faces
+from vibraverse.geometry.cleaning.clean import clean
+from vibraverse.geometry.distance.closest import ClosestPoint
+from vibraverse.geometry.distance.crossing import crossing_faces
 from vibraverse.geometry.grids import Sampler, cell_centres
 from vibraverse.geometry.hollow import deepest_point, hollow
-from vibraverse.refusal import Refused, read_refusal
-from vibraverse.seeds import rng
 from vibraverse.sources.families import generate
 
 
@@ -187,7 +187,7 @@ def run(vibraverse, tmp_path):
     """Run the stage on a surface and its grid; return the products."""
 
     def call(vertices, faces, distance, name="run", **options):
-        meshfiles.write_ply(tmp_path / "surface.ply", vertices, faces)
+        meshes.write_ply(tmp_path / "surface.ply", vertices, faces)
         with h5py.File(tmp_path / "grids.h5", "w") as h5:
             h5["signed_distance"] = distance
         products = tmp_path / f"{name}.ply", tmp_path / f"{name}.json"
@@ -207,7 +207,7 @@ def test_the_stage_draws_the_wall_by_the_objects_seed(run, ball):
     said = json.loads(record.read_text())
     assert said["t"] == float(rng("mine", "hollow").uniform(0.3, 0.7))
     assert said["wall"] == pytest.approx(-said["t"] * said["s_min"])
-    vertices, faces = meshfiles.read_ply(surface)
+    vertices, faces = meshes.read_ply(surface)
     assert surfaces.volume(vertices, faces) == pytest.approx(said["volume"])
     assert said["outside_triangles"] == len(ball[1])
     again = run(*ball, name="again")

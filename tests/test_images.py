@@ -10,11 +10,11 @@ import pytest
 from PIL import Image
 
 from vibraverse.config.media import Images
+from vibraverse.contract.products import sha256
+from vibraverse.contract.refusal import Refusal, read_refusal
 from vibraverse.media import images
 from vibraverse.media.looks import LOOKS, look_of
 from vibraverse.physics.materials import MATERIALS
-from vibraverse.products import sha256
-from vibraverse.refusal import Refusal, read_refusal
 
 BACKDROP = np.round(np.array(images.BACKGROUND) * 255)
 

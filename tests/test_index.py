@@ -7,10 +7,11 @@ import csv
 import pytest
 
 import make_products
-from vibraverse import products
-from vibraverse.dataset import schema, tables
-from vibraverse.dataset.parquet import write_parquet
-from vibraverse.paths import Paths
+from vibraverse.contract import products
+from vibraverse.dataset import schema
+from vibraverse.dataset.schema import tables
+from vibraverse.dataset.write.parquet import write_parquet
+from vibraverse.flow.paths import Paths
 
 
 @pytest.fixture(scope="module")

@@ -12,10 +12,10 @@ import pytest
 
 import make_products
 from vibraverse.config.dataset import Dataset
+from vibraverse.contract.products import sha256
 from vibraverse.dataset import open as open_dataset
-from vibraverse.dataset.splits import split_of
-from vibraverse.paths import Paths
-from vibraverse.products import sha256
+from vibraverse.dataset.split.assignment import split_of
+from vibraverse.flow.paths import Paths
 
 
 @pytest.fixture(scope="module")

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vibraverse.limits import run_limited
-from vibraverse.refusal import Refused
+from vibraverse.contract.limits import run_limited
+from vibraverse.contract.refusal import Refused
 
 
 def crash() -> None:
@@ -80,7 +80,7 @@ def test_memory_is_counted_from_what_the_process_has(threads):
 def test_a_job_that_is_suspended_is_not_refused_for_it():
     program = (
         "from test_limits import spin\n"
-        "from vibraverse.limits import run_limited\n"
+        "from vibraverse.contract.limits import run_limited\n"
         "print(run_limited(spin, 1.0, seconds=3, memory_mb=500, what='it'))\n"
     )
     with subprocess.Popen(
@@ -110,7 +110,7 @@ def test_a_child_ends_with_its_process(tmp_path):
     """A killed job leaves nobody that computes, or waits for ever to tell its result."""
     program = (
         "from test_limits import wide\n"
-        "from vibraverse.limits import run_limited\n"
+        "from vibraverse.contract.limits import run_limited\n"
         "run_limited(wide, 1.0, seconds=60, memory_mb=500, what='it')\n"
     )
     with subprocess.Popen([sys.executable, "-c", program], cwd=Path(__file__).parent) as job:

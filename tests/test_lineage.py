@@ -13,10 +13,10 @@ from pathlib import Path
 import pytest
 
 import make_products
-from vibraverse import products
-from vibraverse.lineage import jobs
-from vibraverse.paths import Paths
-from vibraverse.refusal import Refusal, read_refusal
+from vibraverse.contract import products
+from vibraverse.contract.refusal import Refusal, read_refusal
+from vibraverse.flow.paths import Paths
+from vibraverse.upkeep.lineage import jobs
 from workflow_runs import Run
 
 

@@ -10,11 +10,11 @@ import pytest
 
 from mesh_bytes import make, run_sources
 from vibraverse.config import ConfigError
-from vibraverse.plan import Plan
-from vibraverse.products import read_json
-from vibraverse.sources.files import NoMeshes
+from vibraverse.contract.products import read_json
+from vibraverse.flow.plan import Plan
+from vibraverse.flow.targets import source_argument, source_file
 from vibraverse.sources.manifest import COLUMNS, read_manifest
-from vibraverse.targets import source_argument, source_file
+from vibraverse.sources.search import NoMeshes
 
 TABLE = """path,id,size_m,category,licence
 Cup 1.obj,,0.09,vessel,CC0-1.0

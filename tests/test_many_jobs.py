@@ -7,7 +7,7 @@ import sys
 import threading
 import time
 
-from vibraverse import many_jobs
+from vibraverse.machine import patches
 
 
 def test_snakemake_is_built_as_expected():
@@ -36,7 +36,7 @@ class Scheduler:
         end = time.monotonic() + seconds
         while self._open_jobs.acquire(timeout=max(0.0, end - time.monotonic())):
             self.looks += 1
-            many_jobs._look_again(self, delay)
+            patches._look_again(self, delay)
 
 
 def test_one_look_waits_however_many_jobs_have_finished():

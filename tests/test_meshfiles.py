@@ -11,10 +11,10 @@ import trimesh
 
 from mesh_bytes import CORNERS, QUADS, SIDES, glb, gltf_binary, obj, off, ply, stl, stl_text, threemf
 from mesh_bytes import gltf as document
-from vibraverse.meshfiles import read_mesh, read_ply, write_ply
-from vibraverse.refusal import Refused
-from vibraverse.sources.files import FORMATS, as_one_file
-from vibraverse.sources.gltf import pack
+from vibraverse.contract.refusal import Refused
+from vibraverse.files.formats.gltf import pack
+from vibraverse.files.meshes import read_mesh, read_ply, write_ply
+from vibraverse.sources.search import FORMATS, as_one_file
 
 CUBE_OBJ = """mtllib wood.mtl
 o cube

@@ -11,17 +11,17 @@ import pytest
 
 from meshes import box
 from vibraverse.config.physics import MaterialModes, Sampled
-from vibraverse.modesfile import read_mode_shapes, read_surface
+from vibraverse.contract.refusal import Refusal, read_refusal
+from vibraverse.contract.seeds import rng
+from vibraverse.files.modes import read_mode_shapes, read_surface
+from vibraverse.files.tets import read_tets, write_tets
+from vibraverse.flow.plan import Plan
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.materials import MATERIALS, sampled
 from vibraverse.physics.modes import departure, solve_material
 from vibraverse.physics.shapes import mode_shapes
-from vibraverse.plan import Plan
-from vibraverse.refusal import Refusal, read_refusal
-from vibraverse.seeds import rng
 from vibraverse.stages.modes import object_size
-from vibraverse.tetfiles import read_tets, write_tets
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import pytest
 import trimesh
 
 from mesh_bytes import run_sources as run_stage
-from vibraverse.meshfiles import read_mesh
-from vibraverse.products import read_json
-from vibraverse.refusal import Refused, read_refusal
+from vibraverse.contract.products import read_json
+from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.files.meshes import read_mesh
 from vibraverse.sources.objaverse import fetch
 
 UID = "8476c4170df24cf5bbe6967222d1a42d"

@@ -14,8 +14,8 @@ import pytest
 import yaml
 
 from stand_ins import said, stub
-from vibraverse import compiled, containers, preflight
-from vibraverse.plan import Plan
+from vibraverse.flow.plan import Plan
+from vibraverse.machine import compiled, containers, preflight
 from workflow_runs import Run
 
 PROFILES = ("default", "apptainer", "slurm", "slurm-apptainer", "kubernetes")

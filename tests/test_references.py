@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from meshes import ball, box
+from vibraverse.contract.seeds import rng
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble
-from vibraverse.seeds import rng
 from vibraverse.validation.bodies import BODIES
 from vibraverse.validation.references import PUBLISHED, references
 

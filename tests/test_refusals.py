@@ -10,8 +10,8 @@ import pytest
 
 import make_products
 import vibraverse.dataset
-from vibraverse import products
-from vibraverse.refusal import read_refusal
+from vibraverse.contract import products
+from vibraverse.contract.refusal import read_refusal
 
 
 @pytest.fixture
@@ -161,7 +161,8 @@ def test_a_retry_begins_with_the_last_products(tmp_path, vibraverse, monkeypatch
 
 def test_a_retry_waits_for_no_run(results, vibraverse):
     program = (
-        f"from vibraverse.guard import only_run; only_run({str(results)!r}); print(1, flush=True); input()"
+        "from vibraverse.machine.locks import only_run; "
+        f"only_run({str(results)!r}); print(1, flush=True); input()"
     )
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE

@@ -7,9 +7,9 @@ import pytest
 
 import shapes
 from vibraverse.geometry import repair, surfaces
-from vibraverse.geometry.boxes import contains
-from vibraverse.geometry.judge import Unfit, counted, judge
-from vibraverse.geometry.sheets import thicken
+from vibraverse.geometry.cleaning.judge import Unfit, counted, judge
+from vibraverse.geometry.cleaning.sheets import thicken
+from vibraverse.geometry.distance.boxes import contains
 
 
 def flat(n=5):

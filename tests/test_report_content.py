@@ -14,8 +14,8 @@ import soundfile
 from PIL import Image
 
 import make_products
-from vibraverse import products
-from vibraverse.geometry.cautions import cautions, kind_of
+from vibraverse.contract import products
+from vibraverse.geometry.meshing.cautions import cautions, kind_of
 from vibraverse.report import content, quantities, render
 from vibraverse.stages.report import write_assets
 

@@ -6,9 +6,9 @@ import h5py
 import pytest
 import yaml
 
-from vibraverse import measured
 from vibraverse.commands.resources import snippet
-from vibraverse.paths import Paths
+from vibraverse.flow.paths import Paths
+from vibraverse.upkeep import measured
 
 HEADER = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time\n"
 

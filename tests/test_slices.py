@@ -10,9 +10,9 @@ from itertools import chain
 import pytest
 
 from vibraverse.config import ConfigError, parse
-from vibraverse.dataset.splits import shards_of_slice, slice_numbers
-from vibraverse.plan import Plan
-from vibraverse.targets import everything
+from vibraverse.dataset.split.assignment import shards_of_slice, slice_numbers
+from vibraverse.flow.plan import Plan
+from vibraverse.flow.targets import everything
 from workflow_runs import TINY, Run
 
 #: Two solid bars in two of three shards.
@@ -76,7 +76,7 @@ def test_the_plans_of_all_slices_are_the_whole_plan():
 
 def locked(folder, shards) -> subprocess.CompletedProcess:
     """Try to hold shards of a folder in another process."""
-    program = f"from vibraverse.guard import only_run; only_run({str(folder)!r}, {shards})"
+    program = f"from vibraverse.machine.locks import only_run; only_run({str(folder)!r}, {shards})"
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
 
 
@@ -94,7 +94,8 @@ def locked(folder, shards) -> subprocess.CompletedProcess:
 def test_runs_exclude_each_other_where_they_overlap(tmp_path, held, asked, refused):
     holder = subprocess.Popen(
         [sys.executable, "-c",
-         f"from vibraverse.guard import only_run; only_run({str(tmp_path)!r}, {held}); print(1, flush=True); input()"],
+         "from vibraverse.machine.locks import only_run; "
+         f"only_run({str(tmp_path)!r}, {held}); print(1, flush=True); input()"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:

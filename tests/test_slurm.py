@@ -10,7 +10,7 @@ import types
 import pytest
 
 from stand_ins import said, stub
-from vibraverse import slurm
+from vibraverse.machine import slurm
 
 
 @pytest.fixture

@@ -14,9 +14,9 @@ import pytest
 from mesh_bytes import TRIANGLE, make
 from mesh_bytes import run_sources as run_stage
 from vibraverse.config import ConfigError, parse
-from vibraverse.meshfiles import read_mesh
-from vibraverse.products import read_json
-from vibraverse.refusal import Refused, read_refusal
+from vibraverse.contract.products import read_json
+from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.files.meshes import read_mesh
 from vibraverse.sources.bundled import BUNDLED, locate
 from vibraverse.sources.catalogue import catalogue, generated_ids
 from vibraverse.sources.families import FAMILIES
@@ -207,7 +207,7 @@ def test_a_file_that_may_not_be_read_is_refused(tmp_path, vibraverse, monkeypatc
     def forbidden(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("vibraverse.sources.files.open", forbidden, raising=False)
+    monkeypatch.setattr("vibraverse.sources.search.open", forbidden, raising=False)
     status, _, _ = run_stage(vibraverse, tmp_path, "cup", '{"origin": "files"}', f"--file={tmp_path}/cup.obj")
     assert status == 0
     refusal = read_refusal(tmp_path / "source.json")

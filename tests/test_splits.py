@@ -10,13 +10,13 @@ import pytest
 
 import make_products
 import vibraverse.dataset
-from vibraverse import products
 from vibraverse.config import ConfigError
 from vibraverse.config.dataset import Dataset
-from vibraverse.dataset.copies import groups, natural
-from vibraverse.dataset.splits import assign, emptiness, shard_of, split_of
-from vibraverse.plan import Plan
-from vibraverse.targets import kept_splits
+from vibraverse.contract import products
+from vibraverse.dataset.split.assignment import assign, emptiness, shard_of, split_of
+from vibraverse.dataset.split.copies import groups, natural
+from vibraverse.flow.plan import Plan
+from vibraverse.flow.targets import kept_splits
 
 SPLITS = Dataset().splits
 OUTPUTS = ("index", "splits", "refusals", "record", "card", "overview", "croissant", "parquet", "sums")

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from vibraverse import meshfiles
+from vibraverse.files import meshes
 from vibraverse.geometry import LONGEST_SIDE
-from vibraverse.geometry.clean import clean
+from vibraverse.geometry.cleaning.clean import clean
 from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import hollow
-from vibraverse.geometry.tets import tetrahedralise
+from vibraverse.geometry.meshing.tets import tetrahedralise
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.modes import reduced_solve
 from vibraverse.sources.bundled import locate
@@ -24,7 +24,7 @@ MODES = 20
 
 def source(name: str):
     """Return the vertices and faces of a bundled or generated object."""
-    mesh = meshfiles.read_mesh(locate(name), "ply") if name == "nut" else generate(name)
+    mesh = meshes.read_mesh(locate(name), "ply") if name == "nut" else generate(name)
     return mesh.vertices, mesh.faces
 
 

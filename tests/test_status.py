@@ -12,12 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from vibraverse import guard, progress
 from vibraverse.commands.status import _refused
 from vibraverse.config import parse
-from vibraverse.plan import Plan
-from vibraverse.refusal import Refusal
-from vibraverse.targets import sounds, views
+from vibraverse.contract.refusal import Refusal
+from vibraverse.flow.plan import Plan
+from vibraverse.flow.targets import sounds, views
+from vibraverse.machine import locks
+from vibraverse.upkeep import progress
 
 CONFIG = """
 sources: {generated: {count: 4, families: [bar]}, bundled: []}
@@ -151,7 +152,7 @@ def test_jobs_that_run_are_named_with_their_begin(plan, vibraverse, monkeypatch)
     log = begin(plan, "basis", 500)
     for name in ("index", "dataset/00000"):
         write(f"results/logs/{name}.log", "vibraverse\n")
-    monkeypatch.setattr(guard, "run_since", lambda _: time.time() - 1000)
+    monkeypatch.setattr(locks, "run_since", lambda _: time.time() - 1000)
     out = vibraverse("status")[1]
     assert (
         "A run works, on 1 job of objects. Left: 4 min for one job at a time; more, because 1 job already"
@@ -259,16 +260,18 @@ def test_a_folder_may_be_named_in_any_way(plan, vibraverse, monkeypatch):
 
 
 def test_a_run_that_works_is_noticed_by_its_lock(plan, vibraverse):
-    assert guard.run_since("results") is None
-    program = "from vibraverse.guard import only_run; only_run('results'); print(1, flush=True); input()"
+    assert locks.run_since("results") is None
+    program = (
+        "from vibraverse.machine.locks import only_run; only_run('results'); print(1, flush=True); input()"
+    )
     with subprocess.Popen(
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as run:
         assert run.stdout.readline()
-        assert guard.run_since("results") == pytest.approx(os.stat("results/.run.lock").st_mtime)
+        assert locks.run_since("results") == pytest.approx(os.stat("results/.run.lock").st_mtime)
         assert "A run works, on 0 jobs of objects." in vibraverse("status")[1]
         run.communicate(b"\n")
-    assert guard.run_since("results") is None
+    assert locks.run_since("results") is None
 
 
 def test_a_wrong_configuration_is_one_sentence(plan, vibraverse):

@@ -8,7 +8,7 @@ import io
 import numpy as np
 import pytest
 
-from vibraverse.dataset import tables
+from vibraverse.dataset.schema import tables
 
 
 def test_tables_give_back_what_was_written():

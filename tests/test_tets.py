@@ -9,17 +9,18 @@ import numpy as np
 import pytest
 
 import shapes
-from vibraverse import meshfiles
 from vibraverse.config.geometry import Tets
-from vibraverse.geometry import quality, repair, surfaces
-from vibraverse.geometry import remesh as remesh_module
-from vibraverse.geometry import tets as tets_module
-from vibraverse.geometry.crossing import crossing_faces
-from vibraverse.geometry.fill import fill, ordered
-from vibraverse.geometry.remesh import Evened, SheetsMeet, remesh
-from vibraverse.geometry.ridges import ridges
-from vibraverse.geometry.tets import mesh_body, tetrahedralise
-from vibraverse.refusal import Refused, read_refusal
+from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.files import meshes
+from vibraverse.geometry import repair, surfaces
+from vibraverse.geometry.distance.crossing import crossing_faces
+from vibraverse.geometry.meshing import quality
+from vibraverse.geometry.meshing import remesh as remesh_module
+from vibraverse.geometry.meshing import tets as tets_module
+from vibraverse.geometry.meshing.fill import fill, ordered
+from vibraverse.geometry.meshing.remesh import Evened, SheetsMeet, remesh
+from vibraverse.geometry.meshing.ridges import ridges
+from vibraverse.geometry.meshing.tets import mesh_body, tetrahedralise
 
 TARGET = 2000
 
@@ -309,7 +310,7 @@ def test_quality_of_a_regular_and_a_flat_tetrahedron():
 @pytest.mark.parametrize("solidity", ["solid", "hollow"])
 def test_the_stage_writes_tetrahedra_and_their_quality(vibraverse, tmp_path, solidity):
     vertices, faces = shapes.ball(subdivisions=3) if solidity == "solid" else shapes.hollow_ball()
-    meshfiles.write_ply(tmp_path / "surface.ply", vertices, faces)
+    meshes.write_ply(tmp_path / "surface.ply", vertices, faces)
     products = []
     for name in ("one", "two"):
         status, _, errors = vibraverse(
@@ -331,7 +332,7 @@ def test_the_stage_writes_tetrahedra_and_their_quality(vibraverse, tmp_path, sol
 
 def test_the_stage_refuses_what_it_cannot_fill(vibraverse, tmp_path):
     a, b = shapes.ball(0.5, 3), shapes.ball(0.5, 3, (0.3, 0, 0))
-    meshfiles.write_ply(tmp_path / "surface.ply", *shapes.together(a, b))
+    meshes.write_ply(tmp_path / "surface.ply", *shapes.together(a, b))
     status, _, errors = vibraverse(
         *("tets", "--object", "mine", "--solidity", "solid", "--surface", tmp_path / "surface.ply"),
         *("--tets", tmp_path / "t.msh", "--record", tmp_path / "t.json"),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.texts import unknown
+from vibraverse.contract.texts import unknown
 
 
 def test_few_known_names_are_listed_in_their_order():

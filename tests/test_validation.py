@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from meshes import box
-from vibraverse import products
-from vibraverse.dataset.tables import from_tsv
+from vibraverse.contract import products
+from vibraverse.contract.refusal import Refusal
+from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.geometry import surfaces
 from vibraverse.physics.materials import lame
-from vibraverse.refusal import Refusal
 from vibraverse.report import render
 from vibraverse.validation import spectra, table
 from vibraverse.validation.bodies import BODIES

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import pytest
 
 import shapes
-from vibraverse import cli, warm
-from vibraverse.meshfiles import write_ply
+from vibraverse import cli
+from vibraverse.files.meshes import write_ply
+from vibraverse.machine import warm
 
 COMMANDS = Path(sys.executable).parent
 
@@ -25,7 +26,7 @@ COMMANDS = Path(sys.executable).parent
 #: What a run does before its first job, and its end.
 PROGRAM = """
 import os
-from vibraverse import warm, warm_process
+from vibraverse.machine import warm, warm_process
 warm_process.keep_warm(9)
 assert warm.VARIABLE not in os.environ
 warm_process.keep_warm(10)
@@ -37,7 +38,9 @@ input()
 #: Repeats commands in forks of a warm process, limited children as plain calls, and tells what each had to import.
 IMPORTS = """
 import json, os, sys
-from vibraverse import cli, limits, warm_process
+from vibraverse import cli
+from vibraverse.contract import limits
+from vibraverse.machine import warm_process
 limits.run_limited = lambda function, *arguments, **_: function(*arguments)
 for step in warm_process.preparation():
     step()

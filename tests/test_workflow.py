@@ -14,8 +14,8 @@ import time
 import pytest
 import yaml
 
-from vibraverse import guard
-from vibraverse.refusal import read_refusal
+from vibraverse.contract.refusal import read_refusal
+from vibraverse.machine import locks
 from workflow_runs import Run
 
 LATER = {"dataset": 1, "index": 1, "report": 1, "verdict": 1, "all": 1}
@@ -128,7 +128,7 @@ def test_a_change_reruns_what_depends_on_it(changed, section, key, value, expect
 
 def test_editing_a_stage_version_reruns_from_there(changed, monkeypatch):
     """Stage versions are parameters of the rules; here one is raised through a copy of the package."""
-    from vibraverse.plan import Plan
+    from vibraverse.flow.plan import Plan
     from vibraverse.stages import VERSIONS
 
     assert set(VERSIONS) >= {
@@ -166,9 +166,9 @@ def test_killed_and_repeated(finished, tmp_path, seed):
 def wait_until_held(results) -> None:
     """Wait until a run holds the results folder."""
     for _ in range(300):
-        if guard.lock_file(results).is_file():
-            with open(guard.lock_file(results), "a+") as lock:
-                if guard.holder(lock.fileno()) is not None:
+        if locks.lock_file(results).is_file():
+            with open(locks.lock_file(results), "a+") as lock:
+                if locks.holder(lock.fileno()) is not None:
                     return
         time.sleep(0.1)
     raise AssertionError("no run began")

@@ -13,9 +13,9 @@ from pictures import save_sheet, shot, triangles
 from PIL import Image
 from trimesh.creation import capsule, cylinder
 
-from vibraverse import meshfiles
+from vibraverse.files import meshes
 from vibraverse.geometry import surfaces
-from vibraverse.geometry.clean import clean
+from vibraverse.geometry.cleaning.clean import clean
 
 OUT = Path(__file__).with_name("clean-ladder.png")
 SIZE = 300
@@ -25,7 +25,7 @@ FRONT, BACK = "#cfc6b4", "#b8402f"
 def bundled(name: str):
     """Return a model that comes with pyvista."""
     folder = Path(find_spec("pyvista").submodule_search_locations[0]) / "examples"
-    mesh = meshfiles.read_mesh(folder / name)
+    mesh = meshes.read_mesh(folder / name)
     return mesh.vertices, mesh.faces
 
 

@@ -12,10 +12,10 @@ import pyvista
 from pictures import save_sheet, shot, triangles
 from PIL import Image
 
-from vibraverse.geometry.clean import clean
+from vibraverse.geometry.cleaning.clean import clean
 from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import hollow
-from vibraverse.geometry.tets import tetrahedralise
+from vibraverse.geometry.meshing.tets import tetrahedralise
 from vibraverse.sources.families import generate
 
 OUT = Path(__file__).with_name("tets.png")

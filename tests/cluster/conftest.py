@@ -28,7 +28,7 @@ def slurm():
 @pytest.fixture(scope="session")
 def images(root) -> Path:
     """The folder with the images of geometry and finite elements, as this checkout makes them."""
-    from vibraverse import containers
+    from vibraverse.machine import containers
 
     call(str(HERE / "apptainer.sh"))
     call(sys.executable, str(root / "containers/build.py"), "--base", "debian", "geometry", "fem")

@@ -2,18 +2,19 @@
 import sys
 from functools import partial
 
-from vibraverse import many_jobs, preflight, targets
-from vibraverse.containers import image
-from vibraverse.plan import Plan
-from vibraverse.products import text_sha256
-from vibraverse.resources import memory, minutes
+from vibraverse.machine import patches, preflight
+from vibraverse.flow import targets
+from vibraverse.machine.containers import image
+from vibraverse.flow.plan import Plan
+from vibraverse.contract.products import text_sha256
+from vibraverse.flow.resources import memory, minutes
 from vibraverse.stages import VERSIONS
 
 # Snakemake would merge a file given with --configfile into config.yaml; here it stands alone, so that what
 # `vibraverse config show FILE` says is what runs. Single keys of --config go on top of either.
 chosen = workflow.config_settings.overwrite_config if workflow.overwrite_configfiles else config
 
-many_jobs.prepare()
+patches.prepare()
 if workflow.is_main_process:
     preflight.stop_without(preflight.profile, sys.argv)
 

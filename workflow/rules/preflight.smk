@@ -1,9 +1,9 @@
 # What a run needs of the machine, asked before its first job. Included last: every rule is known.
 from snakemake.settings.types import DeploymentMethod
 
-from vibraverse import slurm
-from vibraverse.guard import only_run, wait_for_jobs_of_gone_runs
-from vibraverse.warm_process import keep_warm
+from vibraverse.machine import slurm
+from vibraverse.machine.locks import only_run, wait_for_jobs_of_gone_runs
+from vibraverse.machine.warm_process import keep_warm
 
 slurm.be_patient()
 

@@ -12,7 +12,7 @@ import os
 import sys
 
 from vibraverse import __version__
-from vibraverse.compiled import use_compiled_loops
+from vibraverse.machine.compiled import use_compiled_loops
 
 #: Stage subcommands: name -> one line of help. The module is ``vibraverse.stages.<name>``.
 STAGES = {
@@ -119,7 +119,7 @@ def main(argv: list[str] | None = None) -> int:
         return 0
     name, rest = argv[0], argv[1:]
     if name in STAGES and os.environ.get("VIBRAVERSE_WARM"):
-        from vibraverse import warm
+        from vibraverse.machine import warm
 
         status = warm.ask(os.environ["VIBRAVERSE_WARM"], argv)
         if status is not None:
@@ -131,7 +131,7 @@ def main(argv: list[str] | None = None) -> int:
         if name in COMMANDS:
             module = importlib.import_module(f"vibraverse.commands.{name}")
             return module.main(rest) or 0
-        from vibraverse.texts import unknown
+        from vibraverse.contract.texts import unknown
 
         raise UsageError(unknown("command", name, [*COMMANDS, *STAGES]))
     except UsageError as error:
@@ -159,7 +159,7 @@ def _run_stage(name: str, argv: list[str], command: list[str]) -> int:
     from pathlib import Path
 
     from vibraverse.config import ConfigError, validate
-    from vibraverse.stage import Job, run
+    from vibraverse.contract.stage import Job, run
 
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(line_buffering=True)  # a log has what was said in its order

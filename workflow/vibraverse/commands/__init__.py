@@ -34,7 +34,7 @@ def run_config(chosen: argparse.Namespace):
 
 def run_paths(chosen: argparse.Namespace):
     """Return the paths of the run that was named; one whose configuration is not here has its products in results/."""
-    from vibraverse.paths import Paths
+    from vibraverse.flow.paths import Paths
 
     if chosen.results or not (chosen.config or Path(DEFAULT_CONFIG).is_file()):
         return Paths(chosen.results or "results")
@@ -43,7 +43,7 @@ def run_paths(chosen: argparse.Namespace):
 
 def run_solidities(chosen: argparse.Namespace) -> tuple[str, ...]:
     """Return the bodies that the run which was named makes; both where its configuration is not here."""
-    from vibraverse.paths import SOLIDITIES
+    from vibraverse.flow.paths import SOLIDITIES
 
     known = chosen.config or Path(DEFAULT_CONFIG).is_file()
     return tuple(run_config(chosen).solidities) if known else SOLIDITIES

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from vibraverse.cli import UsageError
 from vibraverse.commands import advised, share
-from vibraverse.paths import Paths
+from vibraverse.flow.paths import Paths
 
 #: Findings printed.
 _SHOWN = 50
@@ -31,7 +31,7 @@ def main(argv: list[str]) -> int:
     )  # fmt: skip
     chosen = parser.parse_args(argv)
 
-    from vibraverse.dataset.check import findings
+    from vibraverse.dataset.check.folder import findings
 
     wrong = 0
     try:

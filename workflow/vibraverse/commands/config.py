@@ -8,7 +8,7 @@ from vibraverse.cli import UsageError
 from vibraverse.commands import counted
 from vibraverse.config import ConfigError, load, schema_text
 from vibraverse.config.reference import markdown
-from vibraverse.plan import Plan
+from vibraverse.flow.plan import Plan
 
 
 def main(argv: list[str]) -> int:

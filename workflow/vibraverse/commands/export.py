@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from vibraverse.cli import UsageError
-from vibraverse.products import aside
+from vibraverse.contract.products import aside
 
 #: Numbers of the index that are named where one occurs nowhere.
 _NEAREST = 5
@@ -57,9 +57,9 @@ def main(argv: list[str]) -> int:
 
 def _export(chosen) -> None:
     import vibraverse.dataset
-    from vibraverse.dataset import export
-    from vibraverse.dataset.card import export_card
-    from vibraverse.products import write_json, write_text
+    from vibraverse.contract.products import write_json, write_text
+    from vibraverse.dataset.publish import export
+    from vibraverse.dataset.publish.card import export_card
 
     fields = chosen.fields.split(",") if chosen.fields else export.EXPORTED
     try:
@@ -131,7 +131,7 @@ def _check_values(dataset: str, items: list[dict], conditions: dict[str, list]) 
 
 def _absent(column: str, value, there: list) -> str:
     """Return the sentence for a value that no item has in a column, with those that are there, the nearest of many."""
-    from vibraverse.texts import unknown
+    from vibraverse.contract.texts import unknown
 
     if isinstance(value, str):
         return unknown(column, value, sorted(filter(None, there)))

@@ -6,8 +6,8 @@ import argparse
 import os
 import signal
 
-from vibraverse import gpus
 from vibraverse.cli import UsageError
+from vibraverse.machine import gpus
 
 
 def main(argv: list[str]) -> int:

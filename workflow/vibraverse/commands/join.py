@@ -24,7 +24,7 @@ def main(argv: list[str]) -> int:
     )
     chosen = parser.parse_args(argv)
 
-    from vibraverse.dataset.join import join_datasets
+    from vibraverse.dataset.publish.join import join_datasets
 
     try:
         count = join_datasets(chosen.datasets, chosen.output)

@@ -10,7 +10,7 @@ from vibraverse.config import ConfigError
 from vibraverse.sources.bundled import BUNDLED
 from vibraverse.sources.catalogue import Entry, catalogue
 from vibraverse.sources.families import FAMILIES, drawn
-from vibraverse.sources.files import FORMATS, SIZED
+from vibraverse.sources.search import FORMATS, SIZED
 
 
 def main(argv: list[str]) -> int:

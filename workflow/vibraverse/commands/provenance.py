@@ -7,14 +7,14 @@ import json
 import shlex
 from pathlib import Path
 
-from vibraverse import products
 from vibraverse.cli import UsageError
 from vibraverse.commands import advised, counted
-from vibraverse.dataset.chain import shards_in
+from vibraverse.contract import products
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.dataset.schema import MAKING
-from vibraverse.lineage import Made, chain, jobs, logged, makers, packed_jobs
-from vibraverse.paths import Paths
-from vibraverse.refusal import read_refusal
+from vibraverse.flow.chain import shards_in
+from vibraverse.flow.paths import Paths
+from vibraverse.upkeep.lineage import Made, chain, jobs, logged, makers, packed_jobs
 
 #: Objects of a shard whose chains are told without being asked for.
 _SHOWN = 3

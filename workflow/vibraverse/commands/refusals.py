@@ -7,16 +7,17 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vibraverse import guard, products
 from vibraverse.cli import UsageError
 from vibraverse.commands import counted, run_arguments, run_paths, run_solidities, share
-from vibraverse.dataset.chain import Refusals, objects_in, refusals_of
+from vibraverse.contract import products
+from vibraverse.contract.refusal import REASONS, read_refusal
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
-from vibraverse.dataset.tables import from_tsv
-from vibraverse.lineage import jobs
-from vibraverse.paths import SOLIDITIES, Paths
-from vibraverse.rebuild import in_order
-from vibraverse.refusal import REASONS, read_refusal
+from vibraverse.dataset.schema.tables import from_tsv
+from vibraverse.flow.chain import Refusals, objects_in, refusals_of
+from vibraverse.flow.paths import SOLIDITIES, Paths
+from vibraverse.machine import locks
+from vibraverse.upkeep.lineage import jobs
+from vibraverse.upkeep.rebuild import in_order
 
 #: Refusals of one reason that a listing shows.
 _SHOWN = 20
@@ -161,7 +162,7 @@ def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refu
 def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
     for name in asked:
         _known(name, [*REASONS, *found], "reason or object")
-    with guard.only_run(paths.results) or nullcontext():
+    with locks.only_run(paths.results) or nullcontext():
         _delete(paths, found, asked)
     return 0
 
@@ -187,6 +188,6 @@ def _delete(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> None:
 
 def _known(name: str, known: list[str], kind: str) -> None:
     if name not in known:
-        from vibraverse.texts import unknown
+        from vibraverse.contract.texts import unknown
 
         raise UsageError(unknown(kind, name, known))

@@ -6,12 +6,13 @@ import argparse
 from contextlib import nullcontext
 from pathlib import Path
 
-from vibraverse import guard, products
 from vibraverse.cli import UsageError
 from vibraverse.commands import advised, counted, run_arguments, run_paths
-from vibraverse.dataset.chain import objects_in, shards_in
-from vibraverse.paths import Paths
-from vibraverse.rebuild import in_order, packed_products, wrong_dataset, wrong_products
+from vibraverse.contract import products
+from vibraverse.flow.chain import objects_in, shards_in
+from vibraverse.flow.paths import Paths
+from vibraverse.machine import locks
+from vibraverse.upkeep.rebuild import in_order, packed_products, wrong_dataset, wrong_products
 
 #: Wrong products that are printed.
 _SHOWN = 50
@@ -32,7 +33,7 @@ def main(argv: list[str]) -> int:
     objects, has_dataset = objects_in(paths), Path(paths.dataset_record).is_file()
     if not objects and not has_dataset:
         raise UsageError(f"there is nothing in {paths.results}; is --results the folder of a run?")
-    with (guard.only_run(paths.results) if chosen.delete else None) or nullcontext():
+    with (locks.only_run(paths.results) if chosen.delete else None) or nullcontext():
         again = advised("repair", "--delete", config=chosen.config, results=chosen.results)
         return _repaired(paths, objects, has_dataset, chosen.delete, again)
 

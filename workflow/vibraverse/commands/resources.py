@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from vibraverse import measured
 from vibraverse.cli import UsageError
 from vibraverse.commands import run_arguments, run_paths
+from vibraverse.upkeep import measured
 
 
 def main(argv: list[str]) -> int:

@@ -9,12 +9,12 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from vibraverse import guard
 from vibraverse.cli import UsageError
 from vibraverse.commands import counted, run_arguments, run_config
 from vibraverse.config import ConfigError
-from vibraverse.plan import Plan
-from vibraverse.progress import Survey, Work, mean_seconds, seconds_left, survey
+from vibraverse.flow.plan import Plan
+from vibraverse.machine import locks
+from vibraverse.upkeep.progress import Survey, Work, mean_seconds, seconds_left, survey
 
 #: Running jobs, and stopped ones, whose logs are named.
 _SHOWN = 5
@@ -33,7 +33,7 @@ def main(argv: list[str]) -> int:
         plan = Plan(run_config(chosen))
     except ConfigError as error:
         raise UsageError(str(error)) from None
-    started = guard.run_since(plan.paths.results)
+    started = locks.run_since(plan.paths.results)
     found = survey(plan, started)
     print(_objects(plan, found))
     means = mean_seconds(plan)

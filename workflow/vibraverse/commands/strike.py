@@ -16,18 +16,18 @@ import sys
 import tempfile
 from pathlib import Path
 
-from vibraverse import products
 from vibraverse.cli import UsageError, set_threads
 from vibraverse.config import ConfigError, validate
 from vibraverse.config.geometry import Hollow, Tets
 from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
+from vibraverse.contract import products
+from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.texts import unknown
+from vibraverse.flow.paths import Paths
 from vibraverse.geometry import LONGEST_SIDE
-from vibraverse.paths import Paths
 from vibraverse.physics.materials import MATERIALS
-from vibraverse.refusal import Refused, read_refusal
-from vibraverse.texts import unknown
 
 _OVERRIDES = {
     "density_kg_m3": "rho",
@@ -138,7 +138,7 @@ class _Strike:
     """The validated request: everything wrong with it is said here, before anything is computed."""
 
     def __init__(self, arguments: argparse.Namespace):
-        from vibraverse.sources.files import is_mesh, slug
+        from vibraverse.sources.search import is_mesh, slug
 
         self.mesh: Path = arguments.mesh
         if not self.mesh.is_file():
@@ -267,7 +267,7 @@ class _Strike:
 
     def _stage(self, name: str, inputs: dict, outputs: dict) -> None:
         """Run one stage quietly; a refusal is raised, a failure shows what the stage said."""
-        from vibraverse.stage import Job, run
+        from vibraverse.contract.stage import Job, run
 
         if sys.stderr.isatty():
             print(f"\r\033[K{name} …", end="", file=sys.stderr, flush=True)

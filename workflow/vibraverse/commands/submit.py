@@ -16,13 +16,13 @@ from pathlib import Path
 
 import yaml
 
-from vibraverse import containers, preflight, slurm
 from vibraverse.cli import UsageError
 from vibraverse.config import ConfigError, load
-from vibraverse.containers import PROJECT
-from vibraverse.dataset.splits import JOIN
-from vibraverse.plan import Plan
-from vibraverse.resources import CLASSES
+from vibraverse.dataset.split.assignment import JOIN
+from vibraverse.flow.plan import Plan
+from vibraverse.flow.resources import CLASSES
+from vibraverse.machine import containers, preflight, slurm
+from vibraverse.machine.containers import PROJECT
 
 #: MB that Snakemake itself and the warm process take beside the jobs, with some room: a slice of 1,000 objects takes a
 #: third of a gigabyte, the process two thirds.

@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vibraverse import products
 from vibraverse.cli import UsageError
-from vibraverse.paths import Paths
+from vibraverse.contract import products
+from vibraverse.flow.paths import Paths
 
 
 def main(argv: list[str]) -> int:

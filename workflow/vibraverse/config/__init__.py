@@ -14,10 +14,10 @@ from vibraverse.config.geometry import Clean, Grids, Hollow, Tets
 from vibraverse.config.media import Audio, Images
 from vibraverse.config.physics import Basis, Material, Modes, Sampled
 from vibraverse.config.sources import Sources
-from vibraverse.dataset.splits import JOIN, slice_numbers
+from vibraverse.contract.texts import listed, unknown
+from vibraverse.dataset.split.assignment import JOIN, slice_numbers
 from vibraverse.media.looks import LOOKS
 from vibraverse.physics.materials import MATERIALS, sampled_number
-from vibraverse.texts import listed, unknown
 
 
 class ConfigError(ValueError):

@@ -7,13 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt, field_validator, model_validator
 
 from vibraverse.config.base import Section, Size, plausible
-from vibraverse.physics.plausible import (
-    DENSITY_KG_M3,
-    YOUNG_PA,
-    density_mistake,
-    pair_mistake,
-    young_mistake,
-)
+from vibraverse.physics.plausible import DENSITY_KG_M3, YOUNG_PA, density_mistake, pair_mistake, young_mistake
 
 #: Poisson's ratio of a stable isotropic solid that is not incompressible.
 Poisson = Annotated[float, Field(gt=-1.0, lt=0.5)]

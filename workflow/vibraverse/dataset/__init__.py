@@ -11,17 +11,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from vibraverse.dataset.fresh import FreshItems
-    from vibraverse.dataset.reader import Reader
+    from vibraverse.dataset.read.fresh import FreshItems
+    from vibraverse.dataset.read.reader import Reader
 
 
 def open(path, fields=None, look: str = "clay") -> Reader:
     """Open a dataset's folder (``results/dataset``), one shard, or a view of several datasets (``vibraverse join``).
 
-    Returns a :class:`~vibraverse.dataset.reader.Reader`.
+    Returns a :class:`~vibraverse.dataset.read.reader.Reader`.
     ``fields`` names what a sample holds (see ``docs/dataset.md``; ``look`` chooses its pictures).
     """
-    from vibraverse.dataset.reader import DEFAULT_FIELDS, Reader, shards_at, splits_at
+    from vibraverse.dataset.read.reader import DEFAULT_FIELDS, Reader, shards_at, splits_at
 
     return Reader(shards_at(path), fields or DEFAULT_FIELDS, look, splits_at(path))
 
@@ -31,10 +31,10 @@ def fresh_materials(
 ) -> FreshItems:
     """Return the bodies of a dataset with materials and sizes drawn anew in every epoch, and exact labels.
 
-    ``settings`` are the arguments of :class:`~vibraverse.dataset.fresh.FreshItems` (``ranges``, ``size_m``, ``seed``,
-    ``bases``), ``conditions`` columns of the index. Needs SciPy beside NumPy and h5py.
+    ``settings`` are the arguments of :class:`~vibraverse.dataset.read.fresh.FreshItems` (``ranges``,
+    ``size_m``, ``seed``, ``bases``), ``conditions`` columns of the index. Needs SciPy beside NumPy and h5py.
     """
-    from vibraverse.dataset.fresh import FreshItems
+    from vibraverse.dataset.read.fresh import FreshItems
 
     return FreshItems(open(path, fields, look).where(**conditions), **(settings or {}))
 
@@ -50,7 +50,7 @@ def torch_dataset(
     and size of every item anew after each ``set_epoch``. Needs torch, which nothing else of the dataset does.
     """
     try:
-        from vibraverse.dataset.pytorch import TorchDataset
+        from vibraverse.dataset.read.pytorch import TorchDataset
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise

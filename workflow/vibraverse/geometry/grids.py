@@ -66,7 +66,7 @@ class Sampler:
         Distances are in the units of the surface, rounded to multiples of 2⁻²⁰, about 1e-6, which compress well. What
         is inside stays negative.
         """
-        from vibraverse.geometry.distance import grid_distance
+        from vibraverse.geometry.distance.field import grid_distance
 
         x = cell_centres(n)
         steps = np.maximum(np.round(grid_distance(*self._surface, x, x, x) / QUANTUM), 1.0)

@@ -12,14 +12,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vibraverse.contract.refusal import Refused
 from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
-from vibraverse.geometry.boxes import contains
-from vibraverse.geometry.closest import ClosestPoint
-from vibraverse.geometry.crossing import crossing_faces
+from vibraverse.geometry.distance.boxes import contains
+from vibraverse.geometry.distance.closest import ClosestPoint
+from vibraverse.geometry.distance.crossing import crossing_faces
 from vibraverse.geometry.grids import cell_centres
+from vibraverse.geometry.meshing.remesh import remesh
 from vibraverse.geometry.moments import principal_axes
-from vibraverse.geometry.remesh import remesh
-from vibraverse.refusal import Refused
 
 #: The cavity's reach should be this many samples; they are no closer than the grid's by more than this factor.
 _SAMPLES, _FINEST = 3.0, 4.0

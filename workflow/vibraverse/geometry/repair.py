@@ -1,7 +1,7 @@
 """Gentle repairs of a triangle soup: weld, drop what is doubled, orient, close, unite, wrap.
 
 Every function takes and returns arrays and changes as little as its name says. The ladder that decides which
-of them a mesh needs is in :mod:`vibraverse.geometry.ladder`.
+of them a mesh needs is in :mod:`vibraverse.geometry.cleaning.ladder`.
 """
 
 from __future__ import annotations

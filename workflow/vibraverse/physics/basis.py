@@ -61,7 +61,7 @@ def build_basis(
     ``sqrt(E/ρ)`` over that unit. ``max_error`` is the relative frequency error that the basis may add in
     ``poisson_range``; ``tolerance`` is that of :func:`vibraverse.physics.eigensolver.solve`.
 
-    Raises :class:`vibraverse.refusal.Refused` where the mesh is invalid or the solve fails.
+    Raises :class:`vibraverse.contract.refusal.Refused` where the mesh is invalid or the solve fails.
     """
     operators = assemble(points, cells, order)
     solved = min(modes + GUARD, max(modes, operators.unknowns - RIGID - 2))

@@ -24,12 +24,12 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from vibraverse.contract.refusal import Refused
 from vibraverse.physics.columns import fix_signs, orthonormalise, project, residuals
 from vibraverse.physics.elasticity import Operators, rigid_modes
 from vibraverse.physics.factorisation import factorise
 from vibraverse.physics.iterations import RIGID, Found, Pencil, arpack, block_lanczos, lobpcg
 from vibraverse.physics.materials import lame
-from vibraverse.refusal import Refused
 
 _METHODS = {"lanczos": block_lanczos, "arpack": arpack, "lobpcg": lobpcg}
 #: Below this many unknowns LAPACK is faster than anything sparse.

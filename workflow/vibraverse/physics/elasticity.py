@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from vibraverse.refusal import Refused
+from vibraverse.contract.refusal import Refused
 
 if TYPE_CHECKING:
     from skfem import MeshTet

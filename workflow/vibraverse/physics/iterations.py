@@ -14,9 +14,9 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
+from vibraverse.contract.refusal import Refused
 from vibraverse.physics.columns import Columns, clear, combine, orthonormalise, product, rayleigh_ritz
 from vibraverse.physics.elasticity import rigid_modes
-from vibraverse.refusal import Refused
 
 RIGID = 6
 #: An eigenvalue below this share of the largest one is zero but for rounding.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 
-from vibraverse.seeds import rng
+from vibraverse.contract.seeds import rng
 
 #: What makes a material: density, Young's modulus, Poisson's ratio, Rayleigh damping.
 PARAMETERS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")

@@ -15,7 +15,7 @@ from matplotlib import colormaps
 from PIL import Image
 
 from vibraverse.config.media import split_sound
-from vibraverse.dataset.reader import Reader
+from vibraverse.dataset.read.reader import Reader
 from vibraverse.media.spectrogram import FLOOR_DB, mel, mel_levels
 
 _RING = math.log(1000.0)

@@ -11,10 +11,10 @@ import jinja2
 from markupsafe import Markup
 
 from vibraverse import __version__
-from vibraverse.dataset.reader import Reader
-from vibraverse.dataset.splits import emptiness
-from vibraverse.geometry.cautions import KINDS
-from vibraverse.refusal import REASONS
+from vibraverse.contract.refusal import REASONS
+from vibraverse.dataset.read.reader import Reader
+from vibraverse.dataset.split.assignment import emptiness
+from vibraverse.geometry.meshing.cautions import KINDS
 from vibraverse.report import quantities
 from vibraverse.report.content import Card, card
 from vibraverse.stages import VERSIONS
@@ -45,7 +45,7 @@ def html(
 
     ``record`` is the content of ``dataset.json``, ``refusals`` are the rows of ``refusals.tsv``, ``assets_folder`` is
     where the pictures and sounds lie, relative to the page, ``validation`` the content of ``validation.json``,
-    and ``warnings`` what :func:`vibraverse.dataset.summary.warnings` found.
+    and ``warnings`` what :func:`vibraverse.dataset.write.summary.warnings` found.
     """
     environment = jinja2.Environment(
         autoescape=True,

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from vibraverse.config import Config, ConfigError
+from vibraverse.contract.texts import unknown
 from vibraverse.sources.bundled import BUNDLED
 from vibraverse.sources.families import FAMILIES
-from vibraverse.sources.files import NoMeshes, find
 from vibraverse.sources.manifest import Row, is_manifest, read_manifest
-from vibraverse.texts import unknown
+from vibraverse.sources.search import NoMeshes, find
 
 
 @dataclass(frozen=True)

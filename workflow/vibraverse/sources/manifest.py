@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from vibraverse.physics.plausible import size_mistake
-from vibraverse.sources.files import NoMeshes, is_mesh, known_formats, slug, wrong_characters
+from vibraverse.sources.search import NoMeshes, is_mesh, known_formats, slug, wrong_characters
 
 #: Column -> what it holds.
 COLUMNS = {
@@ -129,7 +129,7 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
 
 def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
     """Return where each column stands; raises :class:`NoMeshes` for names that are unknown, doubled or missing."""
-    from vibraverse.texts import unknown
+    from vibraverse.contract.texts import unknown
 
     columns: dict[str, int] = {}
     mistakes = []
@@ -151,7 +151,7 @@ def _row_mistakes(
     manifest: Path, values: dict[str, str], categories: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
     """Yield the column and the sentence of everything that is wrong with one row."""
-    from vibraverse.texts import unknown
+    from vibraverse.contract.texts import unknown
 
     path = values["path"]
     if not path:
@@ -201,7 +201,7 @@ def _is_size(text: str) -> bool:
 
 def _told(path: str, mistakes: list[str]) -> str:
     """Return one mistake as a sentence, and several as a list."""
-    from vibraverse.texts import listed
+    from vibraverse.contract.texts import listed
 
     subject = f"the manifest {path}"
     return f"{subject}, {mistakes[0]}" if len(mistakes) == 1 else listed(subject, mistakes)

@@ -14,7 +14,7 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from vibraverse.refusal import Refused, said
+from vibraverse.contract.refusal import Refused, said
 
 #: The licence codes of Sketchfab, from which the models come -> SPDX identifiers.
 LICENCES = {

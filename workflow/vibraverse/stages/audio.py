@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vibraverse.config.media import Audio, split_sound
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
@@ -11,8 +11,8 @@ def run(job: Job) -> None:
     import h5py
 
     from vibraverse.cli import UsageError
+    from vibraverse.files.modes import read_mode_shapes, read_spectrum
     from vibraverse.media import audio
-    from vibraverse.modesfile import read_mode_shapes, read_spectrum
     from vibraverse.physics.impulse import impact_sound
     from vibraverse.physics.materials import sampled_name
 
@@ -70,9 +70,9 @@ def _strikes(job: Job) -> list[tuple]:
     import h5py
 
     from vibraverse.cli import UsageError
-    from vibraverse.modesfile import read_surface
+    from vibraverse.contract.products import read_provenance, sha256
+    from vibraverse.files.modes import read_surface
     from vibraverse.physics.impulse import contact
-    from vibraverse.products import read_provenance, sha256
 
     if not job.options.points:
         return []

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from vibraverse.config.physics import Basis
-from vibraverse.products import write_provenance
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.products import write_provenance
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
     """Solve for the basis of one body."""
     import h5py
 
-    from vibraverse.basisfile import write_basis
-    from vibraverse.limits import keep_memory, limited_memory
+    from vibraverse.contract.limits import keep_memory, limited_memory
+    from vibraverse.contract.seeds import rng
+    from vibraverse.files.basis import write_basis
+    from vibraverse.files.tets import read_tets
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.factorisation import load
-    from vibraverse.seeds import rng
-    from vibraverse.tetfiles import read_tets
 
     points, cells = read_tets(job.inputs["tets"])
     options = job.options

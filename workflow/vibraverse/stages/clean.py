@@ -5,18 +5,19 @@ from __future__ import annotations
 from dataclasses import asdict
 
 from vibraverse.config.geometry import Clean
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
     """Read the source mesh, repair it in a child process, write the surface and what was done to it."""
-    from vibraverse import meshfiles, products
+    from vibraverse.contract import products
+    from vibraverse.contract.limits import run_limited
+    from vibraverse.files import meshes
     from vibraverse.geometry import surfaces
-    from vibraverse.geometry.clean import clean
-    from vibraverse.limits import run_limited
+    from vibraverse.geometry.cleaning.clean import clean
 
     source = products.read_json(job.inputs["source_record"])
-    mesh = meshfiles.read_mesh(
+    mesh = meshes.read_mesh(
         job.inputs["mesh"], source["format"], source.get("file"), job.options.max_triangles
     )
     limits = job.options.limits
@@ -33,7 +34,7 @@ def run(job: Job) -> None:
         key="clean.limits",
         what="the repair",
     )
-    meshfiles.write_ply(job.outputs["surface"], body.vertices, body.faces)
+    meshes.write_ply(job.outputs["surface"], body.vertices, body.faces)
     unit_m = source.get("unit_m")
     size_m = source.get("size_m")
     if size_m is None and unit_m is not None:

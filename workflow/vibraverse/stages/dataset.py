@@ -6,9 +6,9 @@ rule lists them as its inputs for Snakemake's sake.
 
 from __future__ import annotations
 
-from vibraverse import products
 from vibraverse.config.dataset import ShardOptions
-from vibraverse.stage import Job, Stage
+from vibraverse.contract import products
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
@@ -17,8 +17,8 @@ def run(job: Job) -> None:
 
     from vibraverse.cli import UsageError
     from vibraverse.commands import advised
-    from vibraverse.dataset.pack import finish, pack_object
-    from vibraverse.paths import Paths
+    from vibraverse.dataset.write.pack import finish, pack_object
+    from vibraverse.flow.paths import Paths
 
     paths = Paths(job.options.results)
     with h5py.File(job.outputs["shard"], "w") as h5:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from vibraverse.config.geometry import Grids
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
     """Read the surface, write both grids and the box mesh of the coarse one."""
     import numpy as np
 
-    from vibraverse import meshfiles
+    from vibraverse.files import meshes
     from vibraverse.geometry import grids
 
-    vertices, faces = meshfiles.read_ply(job.inputs["surface"])
+    vertices, faces = meshes.read_ply(job.inputs["surface"])
     body = grids.Sampler(vertices, faces, job.threads)
     occupied, distance = body.occupancy(job.options.coarse), body.signed_distance(job.options.fine)
     if not occupied.any():
@@ -26,7 +26,7 @@ def write_grids(path, occupied, distance, provenance: dict) -> None:
     """Write both grids as compressed HDF5 datasets that say what they are."""
     import h5py
 
-    from vibraverse.products import write_provenance
+    from vibraverse.contract.products import write_provenance
 
     with h5py.File(path, "w") as h5:
         for name, data, what in (

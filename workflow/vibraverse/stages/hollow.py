@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 from vibraverse.config.geometry import Hollow
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
     """Read the surface and its distance grid, draw the wall thickness, write the hollow body's surface."""
     import h5py
 
-    from vibraverse import meshfiles
+    from vibraverse.contract.limits import run_limited
+    from vibraverse.contract.seeds import rng
+    from vibraverse.files import meshes
     from vibraverse.geometry import surfaces
     from vibraverse.geometry.hollow import hollow
-    from vibraverse.limits import run_limited
-    from vibraverse.seeds import rng
 
-    vertices, faces = meshfiles.read_ply(job.inputs["surface"])
+    vertices, faces = meshes.read_ply(job.inputs["surface"])
     with h5py.File(job.inputs["grids"], "r") as h5:
         distance = h5["signed_distance"][:]
     t = float(rng(job.object, "hollow").uniform(*job.options.thickness))
@@ -33,7 +33,7 @@ def run(job: Job) -> None:
         key="hollow.limits",
         what="the cavity's mesher",
     )
-    meshfiles.write_ply(job.outputs["hollow_surface"], body.vertices, body.faces)
+    meshes.write_ply(job.outputs["hollow_surface"], body.vertices, body.faces)
     job.write_record(
         {
             "object": job.object,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vibraverse.config.media import Images
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:

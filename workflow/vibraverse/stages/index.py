@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from vibraverse import products
 from vibraverse.config.dataset import IndexOptions
-from vibraverse.stage import Job, Stage
-from vibraverse.texts import unknown
+from vibraverse.contract import products
+from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.texts import unknown
 
 
 def run(job: Job) -> None:
     """Join the shards' rows, and count."""
     from vibraverse.cli import UsageError
-    from vibraverse.dataset.card import card, overview
-    from vibraverse.dataset.croissant import croissant
-    from vibraverse.dataset.parquet import write_parquet
-    from vibraverse.dataset.reader import Reader
+    from vibraverse.dataset.publish.card import card, overview
+    from vibraverse.dataset.publish.croissant import croissant
+    from vibraverse.dataset.read.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
-    from vibraverse.dataset.splits import SPLIT_COLUMNS
-    from vibraverse.dataset.summary import summary
-    from vibraverse.dataset.tables import to_tsv
+    from vibraverse.dataset.schema.tables import to_tsv
+    from vibraverse.dataset.split.assignment import SPLIT_COLUMNS
+    from vibraverse.dataset.write.parquet import write_parquet
+    from vibraverse.dataset.write.summary import summary
 
     if "config" in job.final:
         if "resolved" not in job.inputs:
@@ -61,9 +61,9 @@ def run(job: Job) -> None:
 def _splits(job: Job, reader):
     """Return the split of every object, by the hash of its id and by its copies."""
     from vibraverse.cli import UsageError
-    from vibraverse.dataset.copies import fingerprints_of, groups
-    from vibraverse.dataset.reader import read_splits
-    from vibraverse.dataset.splits import assign
+    from vibraverse.dataset.read.reader import read_splits
+    from vibraverse.dataset.split.assignment import assign
+    from vibraverse.dataset.split.copies import fingerprints_of, groups
 
     options, kept = job.options, None
     if "kept" in job.inputs:

@@ -7,9 +7,9 @@ because its Poisson's ratio lies outside the range) is solved on the mesh itself
 from __future__ import annotations
 
 from vibraverse.config.physics import MaterialModes
+from vibraverse.contract.products import read_json, write_provenance
+from vibraverse.contract.stage import Job, Stage
 from vibraverse.geometry import LONGEST_SIDE
-from vibraverse.products import read_json, write_provenance
-from vibraverse.stage import Job, Stage
 
 _UNITS = {
     "frequencies_hz": "Hz",
@@ -47,7 +47,7 @@ def run(job: Job) -> None:
     """Solve every material of one body."""
     import h5py
 
-    from vibraverse.basisfile import read_basis
+    from vibraverse.files.basis import read_basis
     from vibraverse.physics.shapes import mode_shapes
 
     size_m, size_origin = object_size(job.options, read_json(job.inputs["clean_record"]))
@@ -114,11 +114,11 @@ def _solved(job: Job, basis, material: dict, scale_m: float):
     modes = solve_material(basis, material, scale_m, options.modes, options.corrected)
     if modes.relative_error.max() <= options.tolerance:
         return modes, None
-    from vibraverse.limits import limited_memory
+    from vibraverse.contract.limits import limited_memory
+    from vibraverse.contract.seeds import rng
+    from vibraverse.files.tets import read_tets
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.factorisation import load
-    from vibraverse.seeds import rng
-    from vibraverse.tetfiles import read_tets
 
     load()
     with limited_memory(options.memory_mb, "the eigensolver", "modes.memory_mb"):

@@ -10,17 +10,17 @@ import hashlib
 import shutil
 from pathlib import Path
 
-from vibraverse import products
 from vibraverse.config.dataset import Report
-from vibraverse.stage import Job, Stage
+from vibraverse.contract import products
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
     """Write pictures and sounds, then the page."""
-    from vibraverse.dataset.reader import Reader
+    from vibraverse.dataset.read.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
-    from vibraverse.dataset.summary import warnings
-    from vibraverse.dataset.tables import from_tsv
+    from vibraverse.dataset.schema.tables import from_tsv
+    from vibraverse.dataset.write.summary import warnings
     from vibraverse.report import render
 
     record = products.read_json(job.inputs["record"])

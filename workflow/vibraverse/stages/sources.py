@@ -6,8 +6,8 @@ import shutil
 from pathlib import Path
 
 from vibraverse.config.sources import SourceEntry
-from vibraverse.refusal import Refused
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.refusal import Refused
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
@@ -17,7 +17,7 @@ def run(job: Job) -> None:
 
 
 def _generated(job: Job) -> dict:
-    from vibraverse.meshfiles import write_ply
+    from vibraverse.files.meshes import write_ply
     from vibraverse.sources.families import generate
 
     made = generate(job.object)
@@ -61,7 +61,7 @@ def _bundled(job: Job) -> dict:
 
 
 def _files(job: Job) -> dict:
-    from vibraverse.sources.files import as_one_file
+    from vibraverse.sources.search import as_one_file
 
     path: Path | None = job.inputs.get("file")
     if path is None:

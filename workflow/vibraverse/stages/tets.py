@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from vibraverse.config.geometry import Tets
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
     """Read the surface, mesh the body in a child process, write the tetrahedra and their record."""
-    from vibraverse import meshfiles
-    from vibraverse.geometry import surfaces, tets
-    from vibraverse.tetfiles import write_tets
+    from vibraverse.files import meshes
+    from vibraverse.files.tets import write_tets
+    from vibraverse.geometry import surfaces
+    from vibraverse.geometry.meshing import tets
 
-    surface = meshfiles.read_mesh(job.inputs["surface"], "ply")
+    surface = meshes.read_mesh(job.inputs["surface"], "ply")
     mesh = tets.mesh_body(surface.vertices, surface.faces, job.options)
     write_tets(job.outputs["tets"], mesh.points, mesh.cells)
     job.write_record(

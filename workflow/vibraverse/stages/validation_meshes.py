@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from vibraverse.products import write_provenance
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.products import write_provenance
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.stage import Job, Stage
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from vibraverse import products
-from vibraverse.refusal import read_refusal
-from vibraverse.stage import Job, Stage
+from vibraverse.contract import products
+from vibraverse.contract.refusal import read_refusal
+from vibraverse.contract.stage import Job, Stage
 
 
 def run(job: Job) -> None:
     """Join what the bodies say; a refused body counts as missed."""
-    from vibraverse.dataset.tables import to_tsv
+    from vibraverse.dataset.schema.tables import to_tsv
     from vibraverse.validation import plot, table
     from vibraverse.validation.bodies import BODIES
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from vibraverse.geometry import Mesh, surfaces
-from vibraverse.geometry.clean import clean
+from vibraverse.geometry.cleaning.clean import clean
 from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import hollow
-from vibraverse.geometry.tets import TetMesh, tetrahedralise
-from vibraverse.sources.profiles import arc, revolve
+from vibraverse.geometry.meshing.tets import TetMesh, tetrahedralise
+from vibraverse.sources.families.profiles import arc, revolve
 from vibraverse.validation.bodies import Body
 
 #: Edge length on curved surfaces as a share of the radius: the facets' own error stays far below the elements'.
@@ -42,7 +42,7 @@ def _box(sides) -> Mesh:
 def skin(body: Body) -> tuple[float, Mesh]:
     """Return metres per mesh unit and the surface that is filled, with its cavity where the body has one.
 
-    Raises :class:`vibraverse.refusal.Refused` as the stages do.
+    Raises :class:`vibraverse.contract.refusal.Refused` as the stages do.
     """
     cleaned = clean(*surface(body))
     outside = cleaned.vertices, cleaned.faces
@@ -55,7 +55,7 @@ def skin(body: Body) -> tuple[float, Mesh]:
 def meshes(body: Body) -> tuple[float, list[TetMesh]]:
     """Return metres per mesh unit, and tetrahedra for each number of elements of a body, coarse to fine.
 
-    Raises :class:`vibraverse.refusal.Refused` as the stages do.
+    Raises :class:`vibraverse.contract.refusal.Refused` as the stages do.
     """
     scale_m, filled = skin(body)
     return scale_m, [tetrahedralise(*filled, count) for count in (*body.elements, *body.finer)]

@@ -6,9 +6,9 @@ from itertools import product
 
 import numpy as np
 
+from vibraverse.contract.seeds import rng
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.modes import solve_material
-from vibraverse.seeds import rng
 from vibraverse.validation.bodies import Body
 from vibraverse.validation.references import Reference, references
 

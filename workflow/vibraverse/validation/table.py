@@ -24,7 +24,7 @@ COLUMNS: dict[str, tuple[type, str]] = {
 
 
 def tsv_rows(rows: list[dict]) -> list[dict]:
-    """Return rows as :func:`vibraverse.dataset.tables.to_tsv` takes them: a missing tolerance is not a number."""
+    """Return rows as :func:`vibraverse.dataset.schema.tables.to_tsv` takes them: NaN for a missing tolerance."""
     return [{**row, "tolerance": np.nan if row["tolerance"] is None else row["tolerance"]} for row in rows]
 
 

@@ -1,0 +1,1 @@
+"""What every stage keeps; standard library only."""

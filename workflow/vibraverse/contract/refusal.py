@@ -1,0 +1,106 @@
+"""Refusals: an object that cannot be processed is a record, not a crash.
+
+The library raises :class:`Refused`. The stage runner then writes one small JSON text, the refusal,
+in the place of every product of the stage and exits 0. A later stage that finds a refusal where it
+expects an input copies it to its own products, so the reason travels to the dataset and the report
+at the cost of a file copy. ``cat`` on any such product says what happened.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from vibraverse.contract.texts import storable
+
+#: Reason classes and the sentence a summary shows for each.
+REASONS = {
+    "unreadable": "the file could not be read as a mesh",
+    "empty": "the file holds no triangles",
+    "not_finite": "a coordinate is not a finite number",
+    "not_a_solid": "the shape bounds no volume",
+    "too_large": "the mesh is larger than the configured limit",
+    "not_repairable": "the surface could not be made closed and manifold",
+    "separate_bodies": "most of the shape lies apart from its largest body",
+    "too_thin": "the body or its wall is too thin to resolve",
+    "meshing_failed": "no valid tetrahedra could be made",
+    "solve_failed": "the vibration modes could not be computed",
+    "unavailable": "the source could not be fetched",
+    "limit": "a time or memory limit was reached",
+}
+
+_MARK = '{"vibraverse_refusal": 1'
+_MAX_BYTES = 16384
+#: Characters of an error that a refusal repeats.
+_MAX_SAID = 200
+
+
+class Refused(Exception):
+    """Raised where an object cannot be processed; becomes a refusal record.
+
+    ``reason`` is a key of :data:`REASONS`, ``message`` says what is wrong with what, ``advice`` what
+    its owner can do.
+    """
+
+    def __init__(self, reason: str, message: str, advice: str = ""):
+        if reason not in REASONS:
+            raise ValueError(f"unknown refusal reason {reason!r}; known: {', '.join(REASONS)}")
+        message, advice = storable(message), storable(advice)  # both may quote a file
+        super().__init__(message)
+        self.reason, self.message, self.advice = reason, message, advice
+
+    def __reduce__(self):
+        return (Refused, (self.reason, self.message, self.advice))
+
+    def __str__(self) -> str:
+        return f"{self.message} {self.advice}".strip()
+
+
+def said(error: Exception) -> str:
+    """Return what an error says, in one line that is not too long and ends without a stop."""
+    return " ".join(str(error).split())[:_MAX_SAID].rstrip(".") or type(error).__name__
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """A refusal as stored: which object, at which stage, why, and what to do."""
+
+    object: str
+    stage: str
+    reason: str
+    message: str
+    advice: str = ""
+    solidity: str = ""
+
+    def to_text(self) -> str:
+        """Return the text that stands in place of a product."""
+        body = json.dumps(asdict(self), ensure_ascii=False)
+        text = f"{_MARK}, {body[1:]}\n"
+        if len(text.encode()) <= _MAX_BYTES:
+            return text
+        short = Refusal(self.object, self.stage, self.reason, self.message[:2000] + " …", self.advice[:2000])
+        return short.to_text()
+
+
+def is_refusal(path: str | Path) -> bool:
+    """Whether a refusal stands at ``path``, and neither a product nor nothing."""
+    try:
+        with open(path, "rb") as file:
+            return file.read(len(_MARK)) == _MARK.encode()
+    except (FileNotFoundError, IsADirectoryError, PermissionError):
+        return False
+
+
+def read_refusal(path: str | Path) -> Refusal | None:
+    """Return the refusal stored at ``path``, or None when it holds a real product (or nothing)."""
+    try:
+        with open(path, "rb") as file:
+            head = file.read(_MAX_BYTES)
+    except (FileNotFoundError, IsADirectoryError, PermissionError):
+        return None
+    if not head.startswith(_MARK.encode()):
+        return None
+    fields = json.loads(head)
+    fields.pop("vibraverse_refusal")
+    return Refusal(**fields)

@@ -1,0 +1,1 @@
+"""Whether a dataset is whole and agrees with itself."""

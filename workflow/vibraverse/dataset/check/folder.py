@@ -1,0 +1,180 @@
+"""Checking a dataset's folder: its files against their checksums, its shards against the schema and the physics.
+
+Every byte of a dataset is covered twice: ``SHA256SUMS`` lists all files (``sha256sum -c SHA256SUMS`` needs nothing of
+ours), and ``dataset.json`` lists all but itself. Where a shard's bytes are wrong, the checksums inside it
+(:mod:`vibraverse.dataset.schema.checksums`) say which object is.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+from vibraverse.contract import products
+from vibraverse.contract.limits import run_limited
+from vibraverse.contract.refusal import Refused, said
+from vibraverse.dataset.schema import INDEX_COLUMNS, NO_SHARD, REFUSAL_COLUMNS
+from vibraverse.dataset.schema.tables import to_tsv
+from vibraverse.flow.chain import shards_in
+
+#: Limits of looking into one shard whose bytes are wrong: HDF5 may do anything with it.
+_SECONDS, _MEMORY_MB = 3600, 8000
+#: Names in a dataset's folder; tables come with the attribute of a reader that holds their rows, and their columns.
+RECORD, SUMS, SHARDS = "dataset.json", "SHA256SUMS", "shards/"
+TABLES = {"index.tsv": ("items", INDEX_COLUMNS), "refusals.tsv": ("refusals", REFUSAL_COLUMNS)}
+
+
+class Finding(NamedTuple):
+    """Something wrong: the file below the dataset's folder, the object (empty: none, or not known), and a sentence.
+
+    A ``stranger`` is a file that belongs to somebody else.
+    """
+
+    file: str
+    object: str
+    sentence: str
+    stranger: bool = False
+
+    def __str__(self) -> str:
+        return f"{self.file}: {self.object + ': ' if self.object else ''}{self.sentence}"
+
+
+def findings(path: str | Path, share: float = 0.0) -> Iterator[Finding]:
+    """Yield what is wrong with a dataset's folder, or with one shard.
+
+    Of the items about ``share`` are made again from what they came from (:mod:`vibraverse.dataset.check.recompute`).
+    Raises :class:`FileNotFoundError` when there is no dataset.
+    """
+    path = Path(path)
+    if path.is_file():
+        found = list(_shard(path, path.name, share, trusted=False))
+        if any(one.sentence.startswith(NO_SHARD) for one in found) or (found and path.suffix != ".h5"):
+            raise FileNotFoundError(f"{path} is no shard of a dataset: {found[0].sentence}")
+        yield from found
+        return
+    record = path / RECORD
+    if not record.is_file():
+        hint = f"; there is one in {path / 'dataset'}" if (path / "dataset" / RECORD).is_file() else ""
+        raise FileNotFoundError(f"{path} holds no finished dataset (there is no {record}){hint}")
+    found = [name for name in _there(path) if (path / name).is_file()]
+    actual = {name: products.sha256(path / name) for name in found}
+    stated, wrong = _stated(record)
+    sums, more = _sums(path / SUMS, {*actual, *stated})
+    yield from (*wrong, *more)
+    ours = {RECORD, *stated, *sums} if stated or sums else actual.keys()
+    for name in dict.fromkeys([*stated, *sums, *actual]):
+        if name not in ours:
+            yield Finding(name, "", "it is no file of this dataset: move it away", stranger=True)
+            continue
+        said_by = {RECORD: stated.get(name), SUMS: sums.get(name)}
+        if name == RECORD or not stated:
+            del said_by[RECORD]
+        yield from _file(path, name, actual.get(name), said_by, share)
+
+
+def _file(path: Path, name: str, actual: str | None, said_by: dict, share: float) -> Iterator[Finding]:
+    """Yield what is wrong with one file, and who states a wrong checksum of it."""
+    is_shard = name.startswith(SHARDS)
+    right = actual is not None and actual in said_by.values()
+    if actual is None:
+        yield Finding(
+            name, "", f"it is not there, but {' and '.join(w for w in said_by if said_by[w])} list it"
+        )
+        return
+    for witness, digest in said_by.items():
+        if digest is None:
+            yield Finding(witness, "", f"it does not list {name}")
+        elif right and digest != actual:
+            yield Finding(witness, "", f"its checksum of {name} is wrong")
+    inside = []
+    if is_shard:
+        inside = list(_shard(path / name, name, share, trusted=right))
+    elif not right and name in TABLES:
+        inside = _table(path, name)
+    yield from inside
+    if not right and not inside:
+        hint = ", though every object in it is whole" if is_shard else ""
+        if name == RECORD:
+            hint = ", or that line of it is wrong"
+        yield Finding(name, "", f"its bytes are not those that {' and '.join(said_by)} state{hint}")
+
+
+def _there(path: Path) -> list[str]:
+    """Return the files of a dataset's folder, below it, without what belongs to no finished dataset."""
+    others = sorted(file.name for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
+    return [*(SHARDS + shard.name for shard in shards_in(path)), *(name for name in others if name != SUMS)]
+
+
+def _stated(record: Path) -> tuple[dict[str, str], list[Finding]]:
+    """Return the checksums that dataset.json states, and what is wrong with it."""
+    try:
+        content = json.loads(record.read_text(encoding="utf-8"))
+        files = {SHARDS + name: entry["sha256"] for name, entry in content["shards"].items()}
+        return files | {name: entry["sha256"] for name, entry in content["files"].items()}, []
+    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        return {}, [Finding(RECORD, "", f"it is not as `vibraverse index` writes it ({said(error)})")]
+
+
+def _sums(path: Path, known: set[str]) -> tuple[dict[str, str], list[Finding]]:
+    """Return the checksums that SHA256SUMS states of known files, and what is wrong with it."""
+    if not path.is_file():
+        return {}, [Finding(SUMS, "", "it is not there")]
+    sums, wrong = {}, []
+    *lines, end = path.read_bytes().decode(errors="replace").split("\n")
+    if end:
+        wrong.append(Finding(SUMS, "", "its last line does not end"))
+    for number, line in enumerate(lines, 1):
+        digest, blanks, name = line[:64], line[64:66], line[66:]
+        if blanks == "  " and name in known:
+            sums[name] = digest
+        else:
+            wrong.append(Finding(SUMS, "", f"line {number} names no file of this dataset: {line!r}"))
+    return sums, wrong
+
+
+def _shard(path: Path, name: str, share: float, trusted: bool) -> Iterator[Finding]:
+    """Yield what is wrong with a shard; one whose bytes may be wrong is looked into by a child process."""
+    if trusted:
+        found = _inside(str(path), share)
+    else:
+        limits = {"seconds": _SECONDS, "memory_mb": _MEMORY_MB}
+        try:
+            found = run_limited(_inside, str(path), share, **limits, what="reading it")
+        except Refused as refused:
+            found = [("", refused.message)]
+    yield from (Finding(name, *one) for one in found)
+
+
+def _inside(path: str, share: float) -> list[tuple[str, str]]:
+    """Return what is wrong in a shard, as pairs of object and sentence."""
+    import h5py
+
+    from vibraverse.dataset.check.recompute import repeats
+    from vibraverse.dataset.check.validator import problems
+
+    try:
+        with h5py.File(path, "r") as h5:
+            return problems(h5, repeats(share))
+    except OSError as error:
+        return [("", f"HDF5 cannot open it ({said(error)})")]
+
+
+def _table(path: Path, name: str) -> list[Finding]:
+    """Return the first line of a table that is not what the shards say, with its object; none if they cannot tell."""
+    from vibraverse.dataset.read.reader import Reader, splits_at
+
+    try:
+        with Reader(shards_in(path), splits=splits_at(path)) as reader:
+            rows = getattr(reader, TABLES[name][0])
+            expected = to_tsv(rows, TABLES[name][1]).splitlines()
+    except Exception:  # a broken shard has its own finding
+        return []
+    lines = (path / name).read_text(encoding="utf-8", errors="replace").splitlines()
+    for number, (line, right) in enumerate(itertools.zip_longest(lines, expected, fillvalue="")):
+        if line != right:
+            object_id = rows[number - 1]["object"] if 0 < number <= len(rows) else ""
+            return [Finding(name, object_id, f"line {number + 1} is not what the shards say: {line!r}")]
+    return []

@@ -1,0 +1,44 @@
+"""Tab-separated tables with typed columns: the index and the refusals.
+
+A text that holds a double quote is quoted as in CSV, so any reader of CSV that is told of the tabs reads them.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+
+from vibraverse.contract.texts import storable
+
+Columns = dict[str, tuple[type, str]]
+
+
+def to_tsv(rows: list[dict], columns: Columns) -> str:
+    """Return a header and one line per row; white space inside a text becomes one blank.
+
+    Numbers keep every digit: what :func:`from_tsv` reads is what was written.
+    """
+    text = io.StringIO()
+    table = csv.writer(text, delimiter="\t", lineterminator="\n")
+    table.writerow(columns)
+    table.writerows([_cell(row[name], kind) for name, (kind, _) in columns.items()] for row in rows)
+    return text.getvalue()
+
+
+def from_tsv(text: str, columns: Columns) -> list[dict]:
+    """Return the rows of a table, each value as its column's type.
+
+    Raises :class:`ValueError` when the header is not the columns', or the rest is no such table.
+    """
+    try:
+        header, *rows = csv.reader(io.StringIO(text, newline=""), delimiter="\t")
+    except csv.Error as error:
+        raise ValueError(f"it is no table ({error})") from None
+    if header != list(columns):
+        raise ValueError(f"the table's columns are {header}, not {list(columns)}")
+    kinds = [kind for kind, _ in columns.values()]
+    return [{name: kind(cell) for name, kind, cell in zip(columns, kinds, row, strict=True)} for row in rows]
+
+
+def _cell(value, kind: type) -> str:
+    return " ".join(storable(str(value)).split()) if kind is str else repr(kind(value))

@@ -1,0 +1,1 @@
+"""Which side of the splits an object is on."""

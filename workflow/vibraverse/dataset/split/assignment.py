@@ -1,0 +1,161 @@
+"""Where an object belongs: shard, with it slice, and, unless it is a copy, split are stable hashes of its id.
+
+Neither time nor order nor the other objects matter, so a growing dataset moves nothing. Everything made of one
+object stands on the same side, and so do the copies of one shape (:mod:`vibraverse.dataset.split.copies`):
+all go where the first of them goes, or where one of them was kept from an earlier dataset.
+
+A rule that never moves an object can look at its id alone, and then how many fall where is a matter of chance in a
+small stratum. Stratified splits keep the shares in every stratum and pay with few moves: the shapes of a stratum stand
+in the order of their hashes and the shares cut that row, so a new one moves at most one at each cut.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import NamedTuple
+
+from vibraverse.contract.seeds import stable_hash
+
+#: Instead of a slice: what is made of all shards, once the slices have made them.
+JOIN = "join"
+
+#: Columns of ``splits.tsv``, one row per object: type and meaning.
+SPLIT_COLUMNS: dict[str, tuple[type, str]] = {
+    "object": (str, "the object's id"),
+    "split": (str, "its split"),
+    "copy_of": (str, "the object whose shape it shares and whose side it takes; empty for a shape's first"),
+}
+
+
+class Splits(NamedTuple):
+    """The split of every object, the first of its copies (or itself), and who did not stay where it was kept."""
+
+    split: dict[str, str]
+    first: dict[str, str]
+    moved: list[str]
+
+    def rows(self) -> list[dict[str, str]]:
+        """Return the rows of ``splits.tsv``."""
+        return [
+            {"object": one, "split": split, "copy_of": "" if self.first[one] == one else self.first[one]}
+            for one, split in sorted(self.split.items())
+        ]
+
+    def summary(self) -> dict:
+        """Return what ``dataset.json`` says of copies."""
+        sizes = Counter(self.first.values())
+        copies = sum(sizes.values()) - len(sizes)
+        return {
+            "shapes": len(sizes),
+            "copies": copies,
+            "most_of_one_shape": max(sizes.values(), default=0),
+            "not_kept": self.moved,
+        }
+
+
+def shard_of(object_id: str, shards: int) -> int:
+    """Return the number of the object's shard, 0 ≤ number < ``shards``."""
+    return stable_hash(object_id, "shard") % shards
+
+
+def slice_numbers(text: str) -> tuple[int, int]:
+    """Return (i, n) of the slice ``i/n``, 1 ≤ i ≤ n; raise ``ValueError`` with a sentence for anything else."""
+    first, _, second = text.partition("/")
+    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
+        return int(first), int(second)
+    raise ValueError(f"{text!r} is neither '{JOIN}' nor a slice such as 3/50, the third of fifty")
+
+
+def shards_of_slice(text: str, shards: int) -> list[int]:
+    """Return the shards that the slice ``i/n`` makes: those whose number is i - 1 modulo n.
+
+    A shard belongs to one slice of n, whole, so slices neither share work nor leave any out.
+    """
+    number, slices = slice_numbers(text)
+    return list(range(number - 1, shards, slices))
+
+
+def split_of(object_id: str, splits: dict[str, float]) -> str:
+    """Return the split of an object that is no copy; ``splits`` maps names to shares that add up to 1.
+
+    The hash is a number in [0, 1); the splits divide that interval in the order listed.
+    """
+    return _split_at(_place(object_id), splits)
+
+
+def assign(
+    first: dict[str, str],
+    splits: dict[str, float],
+    strata: dict[str, str] | None = None,
+    kept: dict[str, str] | None = None,
+) -> Splits:
+    """Return the splits of all objects; ``first`` maps each to the first of its copies.
+
+    With ``strata`` (object to stratum) every stratum is divided in the shares of ``splits``; a shape belongs to the
+    stratum of its first. ``kept`` are splits of an earlier dataset: they stay, and copies follow them. Where copies
+    were kept on different sides, the first kept one decides, and the others are named in ``moved``.
+    """
+    kept = kept or {}
+    members: dict[str, list[str]] = {}
+    for object_id, leader in first.items():
+        members.setdefault(leader, []).append(object_id)
+    decided = {}
+    for leader, copies in members.items():
+        before = [kept[one] for one in copies if one in kept]
+        if before:
+            decided[leader] = before[0]
+    if strata is None:
+        for leader in members.keys() - decided.keys():
+            decided[leader] = split_of(leader, splits)
+    else:
+        for stratum in sorted(set(map(strata.get, members))):
+            inside = {leader: len(copies) for leader, copies in members.items() if strata[leader] == stratum}
+            decided.update(_cut(inside, splits, decided))
+    split = {object_id: decided[leader] for object_id, leader in first.items()}
+    return Splits(split, first, sorted(one for one in kept if one in split and split[one] != kept[one]))
+
+
+def emptiness(objects: dict[str, int]) -> str:
+    """Return which splits hold none of the objects and what fills them, in a sentence; empty when all hold some.
+
+    ``objects`` is how many there are by split; of a dataset without objects there is nothing to say.
+    """
+    names = [name for name, count in objects.items() if not count]
+    if not names or len(names) == len(objects):
+        return ""
+    which = f"The split {names[0]} holds" if len(names) == 1 else f"The splits {' and '.join(names)} hold"
+    return (
+        f"{which} no object: take more objects, give {'it' if len(names) == 1 else 'them'} a larger share in "
+        "dataset.splits, or set dataset.stratify to origin, which keeps to the shares within every source."
+    )
+
+
+def _cut(sizes: dict[str, int], splits: dict[str, float], decided: dict[str, str]) -> dict[str, str]:
+    """Return the split of every shape of a stratum that is not decided yet: (shape to number of copies)."""
+    total = sum(sizes.values())
+    room = {name: share * total for name, share in splits.items()}
+    for leader in sizes.keys() & decided.keys():
+        if decided[leader] in room:
+            room[decided[leader]] -= sizes[leader]
+    room = {name: max(0.0, left) for name, left in room.items()}
+    free = sorted(sizes.keys() - decided.keys(), key=lambda leader: (_place(leader), leader))
+    whole, behind, found = sum(sizes[leader] for leader in free), 0, {}
+    left = sum(room.values())
+    shares = {name: value / left for name, value in room.items()} if left else splits
+    for leader in free:
+        found[leader] = _split_at((behind + 0.5 * sizes[leader]) / whole, shares)
+        behind += sizes[leader]
+    return found
+
+
+def _place(object_id: str) -> float:
+    return stable_hash(object_id, "split") / 2**64
+
+
+def _split_at(position: float, splits: dict[str, float]) -> str:
+    names = [name for name, share in splits.items() if share > 0]
+    for name in names:
+        position -= splits[name]
+        if position < 0:
+            return name
+    return names[-1]

@@ -1,0 +1,1 @@
+"""From products to shards and the dataset's tables."""

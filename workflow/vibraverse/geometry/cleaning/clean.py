@@ -1,0 +1,165 @@
+"""From a triangle soup to the surface of one solid body, by the gentlest repair that suffices.
+
+The soup is moved and scaled, climbs the ladder (:mod:`vibraverse.geometry.cleaning.ladder`), and the result
+is moved and scaled so that its bounding box is centred at the origin and its longest side is 1.8.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vibraverse.contract.refusal import Refused
+from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
+from vibraverse.geometry.cleaning.judge import Sheet, Unfit, counted, judge
+from vibraverse.geometry.cleaning.ladder import RUNGS, SHEET_RUNGS, Climb, climb
+from vibraverse.geometry.distance.deviation import EXACT, Deviation, deviation
+
+#: More faces than this are thinned, where that moves the surface by no more than the first number and changes the
+#: volume by no more than the second as a share.
+_DENSE = 100_000
+_MOVED, _HARMLESS = 3e-4, 1e-3
+#: Points whose extent along an axis is a smaller share of the largest extent lie in a plane or on a line.
+_PLANE = 1e-6
+
+
+@dataclass(frozen=True)
+class CleanSurface:
+    """A solid body's surface in normalised coordinates and what it took to get there.
+
+    ``normalised = (source - centre) * scale``; ``longest_side`` is in source units.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    rung: str
+    """The repair that sufficed."""
+    ladder: list[dict[str, str]]
+    """The gentler ones and why each failed, ``{"rung": …, "failed": …}``."""
+    repairs: list[str]
+    """What was done, in words."""
+    dropped_parts: int
+    """Bodies left out because they lie apart."""
+    dropped_share: float
+    """Their share of the volume."""
+    filled_cavities: int
+    """Shells inside others that were filled."""
+    deviation: Deviation
+    """How far the surface is from the source's."""
+    volume_change: float | None
+    """Relative; None where the source's surface bounds no volume."""
+    area_change: float
+    """Relative."""
+    centre: np.ndarray
+    scale: float
+    longest_side: float
+
+
+def clean(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    max_triangles: int = 2_000_000,
+    max_dropped: float = 0.5,
+    open_sheets: str = "refuse",
+    sheet_thickness: float = 0.02,
+) -> CleanSurface:
+    """Return the surface of the one solid body that a soup of triangles describes.
+
+    ``vertices`` (V, 3) finite, ``faces`` (F, 3). Of bodies that lie apart the largest is kept when the others hold at
+    most ``max_dropped`` of the volume. ``open_sheets`` is ``"refuse"`` or ``"thicken"``, to ``sheet_thickness`` times
+    the longest side. Raises :class:`Refused` with reason ``too_large``, ``empty``, ``not_a_solid``,
+    ``separate_bodies`` or ``not_repairable``.
+    """
+    if len(faces) > max_triangles:
+        raise Refused(
+            "too_large",
+            f"The mesh has {len(faces)} triangles; the limit is {max_triangles}.",
+            "Simplify it, or raise clean.max_triangles.",
+        )
+    vertices, faces = repair.weld(np.asarray(vertices, dtype=np.float64), np.asarray(faces, dtype=np.int64))
+    if not len(faces):
+        raise Refused("empty", "Every triangle of the mesh uses one point twice.", "Export the mesh again.")
+    centre, scale = _frame(vertices)
+    soup = (vertices - centre) * scale, repair.drop_doubles(faces)
+    found = _climbed(soup, max_dropped, open_sheets, sheet_thickness * LONGEST_SIDE)
+    body, thinned = _thin_out(*found.body)
+    away = found.deviation or EXACT
+    if thinned:
+        away = deviation(soup, body, found.attempt.dropped)
+    source_volume = _enclosed(*soup)
+    # The frame of the result is applied to the source's coordinates in one step, so that what needed no
+    # repair is exactly the source, moved and scaled.
+    shift, factor = _frame(body[0])
+    return CleanSurface(
+        vertices=(body[0] - shift) * factor,
+        faces=body[1],
+        rung=found.rung,
+        ladder=found.failed,
+        repairs=found.attempt.notes + thinned,
+        dropped_parts=len(found.attempt.dropped),
+        dropped_share=found.attempt.dropped_share,
+        filled_cavities=found.attempt.filled_cavities,
+        deviation=away,
+        volume_change=surfaces.volume(*body) / source_volume - 1 if source_volume else None,
+        area_change=surfaces.area(*body) / surfaces.area(*soup) - 1,
+        centre=centre + shift / scale,
+        scale=scale * factor,
+        longest_side=LONGEST_SIDE / (scale * factor),
+    )
+
+
+def _climbed(soup: Mesh, max_dropped: float, open_sheets: str, thickness: float) -> Climb:
+    """Climb the ladder; an open sheet is refused or climbs the one for sheets."""
+    failed: list[dict[str, str]] = []
+    try:
+        if _is_flat(soup[0]):
+            failed.append({"rung": RUNGS[0][0], "failed": "no volume"})
+            raise Sheet("all its points lie in one plane")
+        return climb(RUNGS, soup, failed, max_dropped=max_dropped)
+    except Sheet as sheet:
+        if open_sheets != "thicken":
+            raise Refused(
+                "not_a_solid",
+                f"The mesh is an open sheet: {sheet}.",
+                "Give it a thickness in the program that made it, or set clean.open_sheets to thicken.",
+            ) from None
+    return climb(SHEET_RUNGS, soup, failed, max_dropped=max_dropped, thickness=thickness)
+
+
+def _enclosed(vertices: np.ndarray, faces: np.ndarray) -> float:
+    """Return the volume that a soup encloses as it is; 0 when it is not closed or its faces disagree."""
+    found = surfaces.topology(faces, len(vertices))
+    if found.open_edges or found.crowded_edges or found.disagreeing_edges:
+        return 0.0
+    return abs(surfaces.volume(vertices, faces))
+
+
+def _frame(vertices: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return centre and scale of the normalised frame."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    return (low + high) / 2, LONGEST_SIDE / float((high - low).max())
+
+
+def _is_flat(vertices: np.ndarray) -> bool:
+    """Return whether all points lie in one plane; refuse those that lie on one line."""
+    centred = vertices - vertices.mean(axis=0)
+    extents = np.linalg.svd(centred.T @ centred, compute_uv=False) ** 0.5
+    if extents[1] < _PLANE * extents[0]:
+        raise Refused("not_a_solid", "All points of the mesh lie on one line.", "Export the mesh again.")
+    return bool(extents[2] < _PLANE * extents[0])
+
+
+def _thin_out(vertices: np.ndarray, faces: np.ndarray) -> tuple[Mesh, list[str]]:
+    """Thin a very dense surface when that changes neither its volume nor its validity."""
+    if len(faces) <= _DENSE:
+        return (vertices, faces), []
+    thinner = repair.simplify(vertices, faces, _MOVED)
+    try:
+        judge(*thinner)
+    except Unfit:
+        return (vertices, faces), []
+    change = surfaces.volume(*thinner) / surfaces.volume(vertices, faces) - 1
+    if abs(change) > _HARMLESS:
+        return (vertices, faces), []
+    return thinner, [f"thinned {counted(len(faces), 'triangle')} to {len(thinner[1])}"]

@@ -1,0 +1,1 @@
+"""How far, how near and what crosses: queries on triangle surfaces."""

@@ -1,0 +1,1 @@
+"""From a closed surface to good triangles and tetrahedra."""

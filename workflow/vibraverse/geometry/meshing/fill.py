@@ -1,0 +1,101 @@
+"""Fill a closed triangle surface with tetrahedra, keeping its triangles as they are.
+
+gmsh gets the triangles as discrete surfaces and never reparametrises them: its reparametrisation fails, or
+takes minutes, on surfaces of real models.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vibraverse.contract.refusal import Refused
+from vibraverse.geometry.surfaces import face_components, volume
+
+#: gmsh's numbers of its three-dimensional algorithms.
+ALGORITHMS = {"delaunay": 1, "hxt": 10}
+_TRIANGLE, _TETRAHEDRON = 2, 4
+
+
+def fill(
+    vertices: np.ndarray, faces: np.ndarray, algorithm: str = "delaunay", optimise: bool = True
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (N, 3) and tetrahedra (T, 4), positively oriented, between the shells of a surface.
+
+    One shell encloses the others; those are cavities. ``optimise`` adds gmsh's second optimiser. Sizes inside
+    grow from those of the surface. Raises :class:`Refused` with reason ``meshing_failed`` and gmsh's words.
+    """
+    import gmsh
+
+    gmsh.initialize(["gmsh"], readConfigFiles=False, interruptible=False)
+    try:
+        for name, value in (
+            ("General.Terminal", 0),
+            ("General.NumThreads", 1),
+            ("Mesh.Algorithm3D", ALGORITHMS[algorithm]),
+            ("Mesh.Optimize", 1),
+            ("Mesh.OptimizeNetgen", int(optimise)),
+            ("Mesh.RandomSeed", 1),
+        ):
+            gmsh.option.setNumber(name, value)
+        gmsh.logger.start()
+        _add_volume(gmsh, vertices, faces)
+        try:
+            gmsh.model.mesh.generate(3)
+        except Exception as error:
+            raise Refused("meshing_failed", f"gmsh: {_complaint(gmsh) or error}") from None
+        return _result(gmsh)
+    finally:
+        gmsh.finalize()
+
+
+def _add_volume(gmsh, vertices: np.ndarray, faces: np.ndarray) -> None:
+    """Give gmsh one discrete surface per shell, the outermost first, and the volume between them."""
+    part = face_components(faces, len(vertices))
+    sizes = [abs(volume(vertices, faces[part == i])) for i in range(part.max() + 1)]
+    owner = np.full(len(vertices), -1)
+    owner[faces.ravel()] = np.repeat(part, 3)
+    loops, first = [], 1
+    for i in np.argsort(sizes)[::-1]:
+        surface = gmsh.model.addDiscreteEntity(2)
+        own = np.flatnonzero(owner == i)
+        gmsh.model.mesh.addNodes(2, surface, own + 1, vertices[own].ravel())
+        triangles = faces[part == i] + 1
+        tags = np.arange(first, first + len(triangles))
+        gmsh.model.mesh.addElementsByType(surface, _TRIANGLE, tags, triangles.ravel())
+        first += len(triangles)
+        loops.append(gmsh.model.geo.addSurfaceLoop([surface]))
+    gmsh.model.geo.addVolume(loops)
+    gmsh.model.geo.synchronize()
+
+
+def _complaint(gmsh) -> str:
+    """Return the last error gmsh logged."""
+    errors = [line.split(": ", 1)[-1] for line in gmsh.logger.get() if line.startswith("Error")]
+    return errors[-1].rstrip(".") if errors else ""
+
+
+def _result(gmsh) -> tuple[np.ndarray, np.ndarray]:
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    _, cells = gmsh.model.mesh.getElementsByType(_TETRAHEDRON)
+    if not len(cells):
+        raise Refused("meshing_failed", f"gmsh made no tetrahedra: {_complaint(gmsh) or 'no reason given'}")
+    order = np.argsort(tags, kind="stable")
+    cells = order[np.searchsorted(tags[order], cells)].reshape(-1, 4)
+    used, cells = np.unique(cells, return_inverse=True)
+    return coordinates.reshape(-1, 3)[used], cells.reshape(-1, 4)
+
+
+def ordered(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (N, 3) in an order in which those that share a cell are near each other, and the cells (T, 4).
+
+    The solvers' sparse products then find what they need in the processor's caches and take a third less time. The
+    order is that of Cuthill and McKee, reversed (Proc. 24th Nat. Conf. ACM, 157, 1969).
+    """
+    import scipy.sparse as sp
+
+    a, b = np.repeat(cells, 4, axis=1).ravel(), np.tile(cells, 4).ravel()
+    graph = sp.csr_matrix((np.ones(len(a), dtype=np.int8), (a, b)), shape=(len(points), len(points)))
+    order = sp.csgraph.reverse_cuthill_mckee(graph, symmetric_mode=True)
+    number = np.argsort(order)
+    cells = number[cells]
+    return points[order], cells[np.lexsort(np.sort(cells, axis=1).T[::-1])]

@@ -1,0 +1,116 @@
+"""The container images: one for each family of stages, what each is called and what it must hold.
+
+An image carries its family's locked packages and this project's own code, so a job in it needs nothing of the
+machine it runs on. Its labels say what it was made of: the version, and checksums of the lock and of every file that
+went in. A run with images compares them with the checkout before its first job; ``containers/build.py`` builds what
+differs.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+
+from vibraverse import __version__
+
+PROJECT = Path(__file__).resolve().parents[3]
+
+#: The families that rules run in. `workstation` joins them with Snakemake, for executors with one image for all.
+FAMILIES = ("geometry", "fem", "render", "dataset", "report")
+#: Besides, that of learning, several times as large as all others: for rules of one's own, built where it is named.
+ALL = (*FAMILIES, "learn")
+
+#: What goes into every image, besides the lock of its family.
+SOURCES = (
+    "containers/base.def",
+    "containers/check.py",
+    "containers/environment.sh",
+    "containers/family.def",
+    "envs/bootstrap.txt",
+    "envs/env.sh",
+    "envs/system.sh",
+    "envs/system.txt",
+    "LICENSE",
+    "pyproject.toml",
+    "workflow/vibraverse",
+)
+
+
+def binary() -> str | None:
+    """Return the command that runs images, the one that Snakemake would take; none where neither is on the PATH."""
+    return next(filter(shutil.which, ("apptainer", "singularity")), None)
+
+
+def folder() -> str:
+    """Return where images are: in ``VIBRAVERSE_IMAGES``, a folder or a registry's address, else in the project."""
+    return os.environ.get("VIBRAVERSE_IMAGES") or str(PROJECT / "containers/images")
+
+
+def file_name(family: str) -> str:
+    """Return the name of a family's image file."""
+    return f"vibraverse-{family}-{__version__}.sif"
+
+
+def image(family: str) -> str | None:
+    """Return the image of a family as the rules name it, or none where Snakemake could not take the name."""
+    where = folder()
+    if "://" in where:
+        return f"{where.rstrip('/')}/vibraverse-{family}:{__version__}"
+    path = str(Path(where).absolute() / file_name(family))
+    return None if " " in path else path
+
+
+def contents(family: str) -> list[Path]:
+    """Return the files, relative to the project, that the image of a family is made of."""
+    files = []
+    for name in (*SOURCES, f"envs/{family}.txt"):
+        found = [PROJECT / name] if (PROJECT / name).is_file() else sorted((PROJECT / name).rglob("*"))
+        files += [p.relative_to(PROJECT) for p in found if p.is_file() and "__pycache__" not in p.parts]
+    return files
+
+
+def labels(family: str) -> dict[str, str]:
+    """Return the labels that an image of this checkout bears."""
+    checksum = hashlib.sha256()
+    for path in contents(family):
+        checksum.update(f"{path} {hashlib.sha256((PROJECT / path).read_bytes()).hexdigest()}\n".encode())
+    lock = hashlib.sha256((PROJECT / f"envs/{family}.txt").read_bytes())
+    return {
+        "vibraverse.family": family,
+        "vibraverse.version": __version__,
+        "vibraverse.lock": lock.hexdigest(),
+        "vibraverse.contents": checksum.hexdigest(),
+    }
+
+
+def built(path: str | Path) -> dict[str, str] | None:
+    """Return the labels of an image file; none where there is no image."""
+    if not Path(path).is_file():
+        return None
+    command = [binary(), "inspect", "--json", "--labels", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True)
+    if done.returncode != 0:
+        return {}
+    return json.loads(done.stdout)["data"]["attributes"]["labels"] or {}
+
+
+def differences(family: str, path: str | Path) -> str:
+    """Return in words what keeps an image from being this checkout's; nothing where it is."""
+    there, wanted = built(path), labels(family)
+    if there is None:
+        return "is not there"
+    if not there.get("vibraverse.contents"):
+        return "is not an image of this project"
+    for label, words in (
+        ("vibraverse.family", "is of the family {there}"),
+        ("vibraverse.version", "is of version {there}, not {wanted}"),
+        ("vibraverse.lock", "was built from other packages than envs/{family}.txt pins"),
+        ("vibraverse.contents", "was built from another state of the code"),
+    ):
+        if there.get(label) != wanted[label]:
+            return words.format(there=there.get(label), wanted=wanted[label], family=family)
+    return ""

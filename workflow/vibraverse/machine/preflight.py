@@ -1,0 +1,188 @@
+"""Whether what a run asks for is there, said in one sentence before its first job: Apptainer, images, GPUs, a profile.
+
+A job that cannot start waits in a queue, or fails with the words of a tool that its owner may never have called. What
+can be known before is asked here, of the jobs that will run and nothing else.
+"""
+
+from __future__ import annotations
+
+import os
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from vibraverse.commands import DEFAULT_CONFIG, advised
+from vibraverse.config import ConfigError, read
+from vibraverse.contract import products
+from vibraverse.contract.texts import unknown
+from vibraverse.machine import containers, gpus
+
+if TYPE_CHECKING:
+    from vibraverse.flow.plan import Plan
+
+
+class NotThere(Exception):
+    """Something that the run needs is not there; the message says what, and the remedy."""
+
+
+def stop_without(check, *arguments):
+    """Run a check and return what it finds; end the process with its sentence and exit status 2 where it fails."""
+    try:
+        return check(*arguments)
+    except (NotThere, ConfigError) as missing:
+        print(f"vibraverse: {missing}", file=sys.stderr)
+        sys.exit(2)
+
+
+@contextmanager
+def readable(path: str):
+    """Let Snakemake read a configuration; where it cannot, end the process with a sentence that names file and line."""
+    try:
+        yield
+    except Exception:
+        if os.path.exists(path):  # Snakemake itself names one that is not there
+            stop_without(read, path)
+        raise
+
+
+def configuration(path: str, text: str) -> None:
+    """Write the resolved configuration, the run's first file."""
+    try:
+        products.write_text(path, text)
+    except OSError as error:
+        raise NotThere(products.not_stored(error, path) or str(error)) from None
+
+
+def known(plan: Plan, configs: Sequence[str | Path], kind: str, name: str) -> str:
+    """Return the name of an object or a shard that a file is asked for, where the run has one of that name.
+
+    Snakemake's patterns match any name, and rules' functions would end with a ``KeyError``. ``configs`` are the files
+    of ``--configfile``.
+    """
+    there, more = (plan.objects if kind == "object" else plan.shards), ""
+    if name in there or (kind == "object" and _is_source(plan, name)):
+        return name
+    if kind == "object":
+        file = configs[-1] if configs else None
+        more += f"; {advised('objects', config=file)} lists those that {file or DEFAULT_CONFIG} names"
+    if plan.owned is not None:
+        more += f"; this run is slice {plan.config.slice} of all"
+    raise NotThere(f"a file is asked for of an {unknown(kind, name, there)}{more}")
+
+
+def _is_source(plan: Plan, name: str) -> bool:
+    """Whether a product of an object that is no longer configured is the mesh file of one that is.
+
+    Snakemake then asks how to make it, and is content to find that nothing does.
+    """
+    folder = Path(plan.paths.at(plan.paths.object, object=name)).absolute()
+    return any(entry.input and folder in entry.input.absolute().parents for entry in plan.objects.values())
+
+
+def apptainer() -> None:
+    """Check that images can be run, and named."""
+    if containers.binary() is None:
+        raise NotThere(
+            "the profile asks for containers, but there is no command apptainer on the PATH; install Apptainer "
+            "(or load its module), or run without containers: --workflow-profile workflow/profiles/default"
+        )
+    if containers.image("any") is None:
+        raise NotThere(
+            f"the images' folder {containers.folder()} has a space in its name, which Snakemake cannot pass on; "
+            "put them elsewhere and set VIBRAVERSE_IMAGES to that folder"
+        )
+
+
+def images(urls: Iterable[str]) -> None:
+    """Check that each image file is there and made of this checkout; images in a registry are taken as named."""
+    named = {containers.image(family): family for family in containers.ALL}
+    wrong = {
+        named[url]: f"the image {url} {difference}"
+        for url in sorted(set(urls))
+        if "://" not in url and url in named and (difference := containers.differences(named[url], url))
+    }
+    if wrong:
+        usual = wrong.keys() <= set(containers.FAMILIES)
+        build = "make containers" if usual else f"make containers FAMILIES='{' '.join(wrong)}'"
+        where = " (VIBRAVERSE_IMAGES says where they are)" if os.environ.get("VIBRAVERSE_IMAGES") else ""
+        raise NotThere(f"{', '.join(wrong.values())}{where}; run `{build}`, then the same command again")
+
+
+def rules(named: Iterable[str], known: Iterable[str]) -> None:
+    """Check that the rules whose resources a profile sets exist: Snakemake passes over others."""
+    for name in named:
+        if name not in known:
+            raise NotThere(f"set-resources names an {unknown('rule', name, sorted(known))}")
+
+
+def profile(arguments: Sequence[str]) -> None:
+    """Check that the profile that a command names is there: Snakemake goes on without one, and without a word."""
+    for name, following in zip(arguments, [*arguments[1:], ""], strict=True):
+        option, joined, value = name.partition("=")
+        value = value if joined else following
+        if option == "--workflow-profile" and value != "none" and not _is_profile(value):
+            raise NotThere(
+                f"there is no profile {value}; from a folder of your own write its whole path, as in "
+                f"--workflow-profile {containers.PROJECT / 'workflow/profiles/default'}"
+            )
+
+
+def _is_profile(value: str) -> bool:
+    """Whether Snakemake finds a workflow's profile of this name."""
+    places = Path(value), Path("profiles", value), containers.PROJECT / "profiles" / value
+    return any(place.is_file() or list(place.glob("*.yaml")) for place in places)
+
+
+def seen_in_images(files: Iterable[str | Path], arguments: str = "") -> None:
+    """Check that jobs in images will see mesh files, of which one of each folder is looked for.
+
+    ``arguments`` are Apptainer's as the profile gives them. Snakemake makes the working folder the home of what runs in
+    an image, so that the user's own is not there.
+    """
+    near = Path.cwd(), Path("/tmp")
+    folders = {path.parent: str(path) for path in (Path(file).absolute() for file in files)}
+    looked_for = [
+        path for folder, path in sorted(folders.items()) if not any(map(folder.is_relative_to, near))
+    ]
+    image = containers.image("geometry")
+    if not looked_for or "://" in image:
+        return
+    command = [containers.binary(), "exec", "--home", str(near[0]), *shlex.split(arguments or ""), image]
+    script = 'for file; do [ -e "$file" ] || echo "$file"; done'
+    done = subprocess.run([*command, "sh", "-c", script, "sh", *looked_for], capture_output=True, text=True)
+    unseen = [path for path in looked_for if path in done.stdout.splitlines()]
+    if unseen:
+        raise NotThere(
+            f"jobs in images do not see {unseen[0]}: they see the working folder and /tmp; lend them its folder with "
+            f"--apptainer-args '--bind {Path(unseen[0]).parent}', or with apptainer-args in the profile"
+        )
+
+
+def shards(missing: list[str]) -> None:
+    """Check that the slices of a run have made all shards."""
+    if missing:
+        raise NotThere(
+            f"`slice: join` takes the shards that the slices made, but {len(missing)} of them are not there "
+            f"({', '.join(Path(path).name for path in missing[:5])}{', …' if len(missing) > 5 else ''}); run the "
+            "slices again (`logs/slices/` in the results holds what submitted ones said), or without `slice` to make "
+            "everything that is missing"
+        )
+
+
+def local_gpus(jobs: Iterable[tuple[str, Mapping]]) -> None:
+    """Check that this machine has as many of NVIDIA's GPUs as any of the jobs (rule, resources) asks for."""
+    if sys.platform == "darwin" or os.path.exists("/dev/kfd"):  # Apple's, AMD's
+        return
+    asked = {}
+    for rule, resources in jobs:
+        if resources.get("gpu"):
+            asked[rule] = max(asked.get(rule, 0), int(resources["gpu"]))
+    for rule, count in sorted(asked.items()):
+        try:
+            gpus.enough_of(count)
+        except gpus.NoGPU as missing:
+            raise NotThere(f"the rule {rule}: {missing}") from None

@@ -1,0 +1,227 @@
+"""What a run asks of Slurm before its first job, said in one sentence where it is not there, and how it waits."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from vibraverse.commands import counted
+from vibraverse.machine.preflight import NotThere
+
+#: The Slurm job that this process is part of, if any: by itself, and as its array. Read when this is imported, for
+#: Snakemake's Slurm plugin deletes the variables before a run's first job.
+_OWN_JOBS = {os.environ.get("SLURM_JOB_ID"), os.environ.get("SLURM_ARRAY_JOB_ID")}
+#: Seconds before Snakemake's plugin first looks at jobs, where no profile says.
+_FIRST_LOOK_S = 40
+_ASKING_QUEUE = "slurm-status-command: squeue and slurm-init-seconds-before-status-checks: 20"
+
+
+class Partition(NamedTuple):
+    """What a partition's largest node has, and how long a job may take in it (None: as long as it likes)."""
+
+    memory_mb: int = 0
+    gpus: int = 0
+    minutes: float | None = 0
+
+
+def check(
+    jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".", settings=None, attempts: int = 1
+) -> None:
+    """Check that Slurm answers, has what jobs (rule, resources) ask for, and no earlier run's jobs in ``folder``.
+
+    ``settings`` are the plugin's. Where only a later one of ``attempts`` would ask for too much time, that is said and
+    the run goes on.
+    """
+    there, default = partitions()
+    no_earlier_jobs(Path(folder).resolve())
+    if settings is not None:
+        _ends_are_known(settings)
+    asked: dict[tuple, list[int]] = {}
+    for rule, resources in jobs:
+        gpus = int(resources.get("gpu") or ("gpu" in str(resources.get("gres", ""))))
+        most = asked.setdefault((rule, resources.get("slurm_partition") or default or ""), [0, 0, 0])
+        wanted = int(resources.get("mem_mb") or 0), gpus, int(resources.get("runtime") or 0)
+        most[:] = map(max, most, wanted)
+    later = {}
+    for (rule, chosen), (memory_mb, gpus, minutes) in sorted(asked.items()):
+        for name in chosen.split(",") if chosen else []:
+            if name not in there:
+                raise NotThere(
+                    f"Slurm has no partition {name!r}, which the rule {rule} asks for; there are: "
+                    f"{', '.join(sorted(there))}. Set slurm_partition in the profile"
+                )
+            _enough(rule, name, there, memory_mb, gpus, minutes)
+            if there[name].minutes is not None and minutes * attempts > there[name].minutes:
+                later.setdefault((name, there[name].minutes), []).append(rule)
+    for (name, most), rules in sorted(later.items()):
+        print(
+            f"vibraverse: a job of {', '.join(rules)} that fails asks for more time each time, up to {attempts} times "
+            f"as much, and would wait for ever where that is more than the {most:g} min of the partition {name}; set "
+            "runtime in the profile's set-resources, or fewer retries",
+            file=sys.stderr,
+        )
+
+
+def _enough(rule: str, name: str, there: dict, memory_mb: int, gpus: int, minutes: int) -> None:
+    """Check that a partition has what a rule asks for."""
+    most = there[name]
+    if gpus > most.gpus:
+        others = [other for other, has in sorted(there.items()) if has.gpus >= gpus]
+        raise NotThere(
+            f"the rule {rule} asks for {'a GPU' if gpus == 1 else f'{gpus} GPUs'}, but "
+            + (
+                f"the partition {name} has none; "
+                if not most.gpus
+                else f"no node of {name} has more than {most.gpus}; "
+            )
+            + (f"GPUs are in: {', '.join(others)}" if others else "no partition has so many")
+            + f". Set slurm_partition or gpu of {rule} in the profile's set-resources"
+        )
+    if memory_mb > most.memory_mb:
+        raise NotThere(
+            f"the rule {rule} asks for {memory_mb} MB, but the largest node of the partition {name} has "
+            f"{most.memory_mb} MB; choose another partition, or set its mem_mb in the profile's set-resources"
+        )
+    if most.minutes is not None and minutes > most.minutes:
+        raise NotThere(
+            f"the rule {rule} asks for {minutes} min, but a job in the partition {name} may take {most.minutes:g}, and "
+            "one that asks for more waits for ever; choose another partition, or set its runtime in the profile's "
+            "set-resources"
+        )
+
+
+def _ends_are_known(settings) -> None:
+    """Check that the run will learn of its jobs' ends: without accounts, or from them, as the plugin is told to ask."""
+    if shutil.which("sacct") is None:
+        return  # the plugin asks squeue by itself
+    accounts = _run("sacct", "-n", "-X", "-j", "1")
+    if accounts.returncode == 0:
+        return
+    if settings.status_command == "sacct":
+        raise NotThere(
+            f"this cluster keeps no accounts, or they do not answer (sacct: {_last_words(accounts)}), so that the run "
+            f"would never learn that a job has ended; write {_ASKING_QUEUE} into the profile"
+        )
+    kept = re.search(r"^MinJobAge\s*=\s*(\d+)", _ask("scontrol", "show", "config"), re.MULTILINE)
+    first = settings.init_seconds_before_status_checks or _FIRST_LOOK_S
+    if kept and int(kept[1]) < 3 * first:
+        raise NotThere(
+            f"Slurm forgets a job {kept[1]} s after its end (MinJobAge) and keeps no accounts; the first look at jobs, "
+            f"slurm-init-seconds-before-status-checks, must be below a third of that, not {first}"
+        )
+
+
+def _run(*command: str) -> subprocess.CompletedProcess:
+    try:
+        return subprocess.run(command, capture_output=True, text=True, timeout=60)
+    except subprocess.TimeoutExpired:
+        return subprocess.CompletedProcess(command, 1, "", "no answer within 60 s")
+
+
+def _last_words(done: subprocess.CompletedProcess) -> str:
+    return (done.stderr.strip().splitlines() or ["no reason given"])[-1]
+
+
+def _ask(*command: str) -> str:
+    try:
+        done = _run(*command)
+    except FileNotFoundError:
+        raise NotThere(
+            f"the profile asks for Slurm, but there is no command {command[0]} here; log in to the cluster's "
+            "submit node, or run without it: --workflow-profile workflow/profiles/default"
+        ) from None
+    if done.returncode != 0:
+        raise NotThere(
+            f"Slurm does not answer ({_last_words(done)}); `scontrol ping` tells more, nothing was submitted"
+        )
+    return done.stdout
+
+
+def partitions() -> tuple[dict[str, Partition], str | None]:
+    """Return what each partition has by name, and the default one's name."""
+    found: dict[str, Partition] = {}
+    default = None
+    for line in _ask("sinfo", "-h", "-o", "%P|%m|%G|%l").splitlines():
+        name, memory, gres, limit = line.split("|")
+        if name.endswith("*"):
+            name = default = name[:-1]
+        old = found.get(name, Partition())
+        found[name] = Partition(
+            max(old.memory_mb, int(memory.rstrip("+"))), max(old.gpus, _gpus(gres)), _minutes(limit)
+        )
+    return found, default
+
+
+def _gpus(gres: str) -> int:
+    """Return how many GPUs are in ``gpu:type:2(S:0-1),…``, of which type, number and sockets may be missing."""
+    devices = [device.split(":") for device in re.sub(r"\([^)]*\)", "", gres).split(",")]
+    return sum(
+        int(rest[-1]) if rest and rest[-1].isdigit() else 1 for kind, *rest in devices if kind == "gpu"
+    )
+
+
+def _minutes(limit: str) -> float | None:
+    """Return minutes of ``days-hours:minutes:seconds``, of which the first may be missing; None for no limit."""
+    if not re.fullmatch(r"(\d+-)?\d+(:\d+){0,2}", limit):
+        return None
+    days, _, clock = limit.rpartition("-")
+    parts = [0, 0, *map(int, clock.split(":"))][-3:]
+    return int(days or 0) * 1440 + parts[0] * 60 + parts[1] + parts[2] / 60
+
+
+def no_earlier_jobs(folder: Path) -> None:
+    """Check that no job of a run that was killed still writes here: it and this run would disturb each other."""
+    queue = _ask("squeue", "-h", "-u", str(os.getuid()), "-t", "PENDING,RUNNING,COMPLETING", "-o", "%i|%Z")
+    jobs = (line.split("|", 1) for line in queue.splitlines())
+    left = [job for job, where in jobs if where == str(folder) and re.match(r"\d+", job)[0] not in _OWN_JOBS]
+    if left:
+        raise NotThere(
+            f"an earlier run still has {counted(len(left), 'Slurm job')} in {folder}; wait for its end (`squeue --me` "
+            f"shows it), or end it with `scancel {' '.join(left[:20])}`, then repeat the command"
+        )
+
+
+def be_patient() -> None:
+    """Let Snakemake's Slurm plugin go on waiting for jobs about which Slurm gave no answer.
+
+    By itself it forgets all jobs where a few of its questions in a row fail, as they do while Slurm is started anew:
+    the run then waits for nothing, for ever, and an interrupt cancels nothing.
+    """
+    executor = getattr(sys.modules.get("snakemake_executor_plugin_slurm"), "Executor", None)
+    asking = getattr(executor, "check_active_jobs", None)
+    if asking is None or hasattr(asking, "is_patient"):
+        return
+
+    async def check_active_jobs(self, active_jobs):
+        told, returned = set(), set()
+        for report in ("report_job_success", "report_job_error"):
+            setattr(self, report, _noting(getattr(executor, report).__get__(self), told))
+        async for job in asking(self, active_jobs):
+            returned.add(id(job))
+            yield job
+        silent = [job for job in active_jobs if id(job) not in told | returned]
+        if silent:
+            self.logger.warning(
+                f"Slurm does not answer; the run waits for its {counted(len(silent), 'job')}."
+            )
+        for job in silent:
+            yield job
+
+    check_active_jobs.is_patient = True
+    executor.check_active_jobs = check_active_jobs
+
+
+def _noting(report, told: set):
+    """Return a function that reports a job's end and notes that it did."""
+
+    def noting(job, *arguments, **keywords):
+        told.add(id(job))
+        return report(job, *arguments, **keywords)
+
+    return noting

@@ -1,0 +1,252 @@
+"""A warm process that jobs are forked from, so that they find every library imported.
+
+A job of a small object computes for a fraction of a second, and Python takes a second or more to start and import
+what it computes with. A run of many jobs on its own machine starts one process that imports everything once and
+listens; a stage's command that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its own input,
+output and environment, and waits. The job is the same: the log, the limits, the products. Where nothing listens, or the
+command comes from another installation or wants more threads, it works by itself.
+
+The warm process forks a job for each command. It tells the command the job's exit status, and kills the job when the
+command is gone. It ends with the run that started it, however that ends; jobs that still work then go on to their end.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import gc
+import importlib
+import os
+import secrets
+import select
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import traceback
+from collections.abc import Callable
+from functools import partial
+
+from vibraverse import cli
+from vibraverse.contract.limits import die_with, threads
+from vibraverse.machine import warm
+from vibraverse.sources.families import FAMILIES
+
+#: What stages import when they work. Names that the environment lacks are passed over.
+_LIBRARIES = (
+    "vibraverse.files.basis", "vibraverse.files.meshes", "vibraverse.files.modes", "vibraverse.files.tets",
+    "vibraverse.geometry.cleaning.clean", "vibraverse.geometry.distance.field", "vibraverse.geometry.grids",
+    "vibraverse.geometry.hollow", "vibraverse.geometry.meshing.tets", "vibraverse.media.audio",
+    "vibraverse.media.images", "vibraverse.physics.basis", "vibraverse.physics.impulse",
+    "vibraverse.physics.modes", "vibraverse.physics.shapes",
+    "gmsh", "h5py", "manifold3d", "meshio", "mmgpy", "open3d", "pymeshlab", "pypardiso",
+    "pyvista.plotting", "scipy.interpolate", "scipy.ndimage", "scipy.optimize", "skfem", "soundfile",
+    "vtkmodules.vtkFiltersCore", "vtkmodules.vtkInteractionWidgets", "vtkmodules.vtkViewsContext2D",
+)  # fmt: skip
+#: Fewer jobs than this take less than the warm process's own imports.
+_WORTHWHILE = 10
+_GONE = select.POLLHUP | select.POLLERR | select.POLLRDHUP
+
+
+def keep_warm(jobs: int) -> None:
+    """Start a warm process for the ``jobs`` that this process is going to start, where they are many.
+
+    It listens as soon as it has imported; commands that come earlier work by themselves.
+    """
+    if jobs < _WORTHWHILE or warm.VARIABLE in os.environ:
+        return
+    address = f"vibraverse-{os.getpid()}-{secrets.token_hex(8)}"
+    # Nobody holds the pipe's writing end any more when this process has ended, so that the other one reads its end.
+    reading, _held = os.pipe()
+    subprocess.Popen(
+        # -P: what lies in the working folder is no module.
+        [sys.executable, "-P", "-m", "vibraverse.machine.warm_process", address, str(reading)],
+        pass_fds=[reading],
+        stdin=subprocess.DEVNULL,
+        # Who reads what the run says until its end need not wait for this process's.
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+    )
+    os.close(reading)
+    os.environ[warm.VARIABLE] = address
+
+
+def main(address: str, run_ends: int) -> None:
+    """Import, then fork jobs until ``run_ends``, a pipe, has no writer any more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which tells by ending
+    for step in preparation():
+        if select.select([run_ends], [], [], 0)[0]:
+            return
+        with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
+            step()
+    if threads() > 1:  # a fork might wait for ever for one that it does not have
+        return
+    gc.collect()
+    gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
+    with socket.socket(socket.AF_UNIX) as listening:
+        listening.bind(f"\0{address}")
+        listening.listen(64)
+        Server(listening, run_ends).serve()
+
+
+def preparation() -> list[Callable[[], object]]:
+    """Return what is done before any job: import what stages need, and let libraries do what they first do."""
+    cli.set_threads(1)
+    stages = [f"vibraverse.stages.{name}" for name in cli.STAGES]
+    families = {family.module for family in FAMILIES.values()}
+    imports = [partial(importlib.import_module, name) for name in (*stages, *sorted(families), *_LIBRARIES)]
+    return [*imports, _load_compiled_loops, _load_solver, _load_renderer]
+
+
+def _load_compiled_loops() -> None:
+    """Use each loop on a tetrahedron: Numba loads it from its cache when it is first called."""
+    import numpy as np
+
+    from vibraverse.geometry.cleaning.clean import clean
+    from vibraverse.geometry.distance.field import grid_distance
+
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    body = clean(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+    grid_distance(body.vertices, body.faces, *[np.linspace(-0.9, 0.9, 8)] * 3)
+
+
+def _load_solver() -> None:
+    """Solve a small system: MKL loads the loops of this processor when it first works."""
+    from vibraverse.physics.factorisation import load
+
+    load()
+
+
+def _load_renderer() -> None:
+    """Load what draws, and with it a compiler, and what writes. Nothing is drawn: that would start threads."""
+    from PIL import Image
+
+    from vibraverse.media.images import choose_window
+
+    Image.preinit()
+    choose_window()
+
+
+class Server:
+    """Forks a job for every command that connects, until ``run_ends`` tells that the run is over and no job is left."""
+
+    def __init__(self, listening: socket.socket, run_ends: int):
+        self._listening, self._run_ends = listening, run_ends
+        self._identity = warm.identity()
+        self._poll = select.poll()
+        self._poll.register(listening, select.POLLIN)
+        self._poll.register(run_ends, _GONE)
+        self._connections: dict[
+            int, tuple[socket.socket, int, int]
+        ] = {}  # and the job's number and descriptor
+        self._jobs: dict[int, int] = {}  # a job's descriptor -> that of its connection
+
+    def serve(self) -> None:
+        """Work until the run is over."""
+        open_ = True
+        while open_ or self._jobs:
+            for descriptor, _ in self._poll.poll():
+                if descriptor == self._run_ends:
+                    open_ = False
+                    self._poll.unregister(self._run_ends)
+                    self._poll.unregister(self._listening)
+                    # A job that was just forked may hold it, too. Commands that wait there work by themselves.
+                    self._listening.shutdown(socket.SHUT_RDWR)
+                    self._listening.close()
+                elif descriptor in self._jobs:
+                    self._end(descriptor)
+                elif descriptor in self._connections:  # the command is gone
+                    self._poll.unregister(descriptor)
+                    os.kill(self._connections[descriptor][1], signal.SIGKILL)
+                elif open_ and descriptor == self._listening.fileno():
+                    self._begin()  # any other is that of a command that went together with its job, a moment ago
+
+    def _begin(self) -> None:
+        """Fork the job of the next command."""
+        connection, _ = self._listening.accept()
+        if not warm.ours(connection):
+            connection.close()
+            return
+        server = os.getpid()
+        try:
+            job = os.fork()
+        except OSError:  # no memory, or too many processes: the command works by itself, or fails by itself
+            self._answer(connection, warm.DECLINED)
+            return
+        if job == 0:
+            status = 1
+            try:
+                die_with(server)
+                self._close()
+                status = _work(connection, self._identity)
+            finally:
+                os._exit(status)
+        watched = os.pidfd_open(job)
+        self._connections[connection.fileno()] = connection, job, watched
+        self._jobs[watched] = connection.fileno()
+        self._poll.register(connection, _GONE)
+        self._poll.register(watched, select.POLLIN)
+
+    def _end(self, watched: int) -> None:
+        """Tell the command how its job ended."""
+        descriptor = self._jobs.pop(watched)
+        connection, job, _ = self._connections.pop(descriptor)
+        self._poll.unregister(watched)
+        with contextlib.suppress(KeyError):  # the command is gone
+            self._poll.unregister(descriptor)
+        os.close(watched)
+        code = os.waitstatus_to_exitcode(os.waitpid(job, 0)[1])
+        self._answer(connection, code if code >= 0 else 128 - code)
+
+    @staticmethod
+    def _answer(connection: socket.socket, status: int) -> None:
+        with connection, contextlib.suppress(OSError):
+            connection.sendall(str(status).encode())
+
+    def _close(self) -> None:
+        """Close, in a job, what is the server's: a command waits until nobody holds its connection."""
+        self._listening.close()
+        os.close(self._run_ends)
+        for connection, _, watched in self._connections.values():
+            connection.close()
+            os.close(watched)
+
+
+def _work(connection: socket.socket, identity: list[str]) -> int:
+    """Do a command as its own process would; return its exit status."""
+    with connection:
+        head, files, _, _ = socket.recv_fds(connection, warm.LENGTH.size, 3)
+        message = connection.makefile("rb").read(warm.LENGTH.unpack(head)[0])
+    try:
+        theirs, folder, mask, argv, environment = warm.understood(message)
+    except ValueError:
+        return warm.DECLINED
+    rounding = {name: environment.get(name, os.environ.get(name)) for name in cli.ROUNDING}
+    if theirs != identity or rounding != {name: os.environ.get(name) for name in cli.ROUNDING}:
+        return warm.DECLINED
+    for number, file in enumerate(files):
+        os.dup2(file, number)
+        os.close(file)
+    sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
+    sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
+    os.chdir(folder)
+    os.umask(mask)
+    os.environ.clear()
+    os.environ.update(environment)
+    os.environ.pop(warm.VARIABLE, None)
+    tempfile.tempdir = None  # to be looked up in this environment
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        status = cli.main(argv)
+    except SystemExit as end:
+        status = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
+    except BaseException:
+        traceback.print_exc()
+        status = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    return status
+
+
+if __name__ == "__main__":
+    main(sys.argv[1], int(sys.argv[2]))

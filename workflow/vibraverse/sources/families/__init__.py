@@ -1,0 +1,126 @@
+"""The table of shape families, and objects drawn from it.
+
+An object's id is its family's name and a number; it is all that a shape depends on. The table names classes
+by module so that listing families loads no numerical library.
+"""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from vibraverse.contract.refusal import Refused
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from vibraverse.sources.families.shape import Shape
+
+#: Coordinates are rounded to a nanometre, so that processors which round differently agree on the bytes.
+_DIGITS = 9
+
+
+@dataclass(frozen=True)
+class Family:
+    """One family: what it is, what kind of thing, and ``module:Class`` of its parameters."""
+
+    description: str
+    category: str
+    source: str
+
+    @property
+    def module(self) -> str:
+        """The module that the family is in."""
+        return f"vibraverse.sources.families.{self.source.partition(':')[0]}"
+
+    def load(self) -> type[Shape]:
+        """Import and return the dataclass of the family's parameters."""
+        return getattr(importlib.import_module(self.module), self.source.partition(":")[2])
+
+
+#: Family name -> family. Generated objects take turns in this order.
+FAMILIES = {
+    "bowl": Family("an open bowl on a foot ring", "vessel", "revolved:Bowl"),
+    "bell": Family("a bell with a sound bow and a crown", "instrument", "revolved:Bell"),
+    "bar": Family("a marimba bar with an undercut", "instrument", "extruded:Bar"),
+    "tuning-fork": Family("a tuning fork", "instrument", "extruded:TuningFork"),
+    "cup": Family("a cup with a handle", "vessel", "joined:Cup"),
+    "vase": Family("a vase with belly, neck and lip", "vessel", "revolved:Vase"),
+    "gear": Family("a gear wheel", "hardware", "extruded:Gear"),
+    "plate": Family("a dinner plate with a raised rim", "tableware", "revolved:Plate"),
+    "blob": Family("a smooth union of balls", "ornament", "joined:Blob"),
+    "ring": Family("a bangle with a rounded section", "jewellery", "revolved:Ring"),
+    "pipe": Family("a length of pipe", "hardware", "revolved:Pipe"),
+    "bottle": Family("a bottle with shoulders, neck and collar", "vessel", "revolved:Bottle"),
+    "box": Family("a box with a lid", "container", "joined:Box"),
+    "singing-bowl": Family("a thick bowl whose rim turns inwards", "instrument", "revolved:SingingBowl"),
+    "gong": Family("a gong with a boss and a rim turned back", "instrument", "revolved:Gong"),
+    "goblet": Family("a drinking glass with stem and foot", "vessel", "revolved:Goblet"),
+    "chime": Family("a chime plate", "instrument", "extruded:Chime"),
+    "wrench": Family("a wrench", "tool", "extruded:Wrench"),
+    "spoon": Family("a spoon", "tableware", "joined:Spoon"),
+    "triangle": Family("a triangle to strike", "instrument", "joined:Triangle"),
+    "cymbal": Family("a cymbal with cup, bow and hole", "instrument", "revolved:Cymbal"),
+    "teapot": Family("a teapot", "vessel", "joined:Teapot"),
+    "pan": Family("a frying pan", "vessel", "joined:Pan"),
+    "hammer": Family("a hammer", "tool", "joined:Hammer"),
+    "horseshoe": Family("a horseshoe", "hardware", "extruded:Horseshoe"),
+    "star": Family("a star to hang up", "ornament", "extruded:Star"),
+    "key": Family("an old key", "hardware", "extruded:Key"),
+    "pawn": Family("a chess pawn", "toy", "revolved:Pawn"),
+    "stool": Family("a stool", "furniture", "joined:Stool"),
+    "knot": Family("a trefoil knot", "ornament", "joined:Knot"),
+}
+
+
+@dataclass(frozen=True)
+class Generated:
+    """A generated object: a closed surface in metres, centred at the origin, and what it was drawn from."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    size_m: float
+    parameters: dict
+    family: str
+    title: str
+    category: str
+
+
+def drawn(object_: str) -> Shape:
+    """Return the parameters of a generated object, without building it; raises like :func:`generate`."""
+    from vibraverse.sources.families.shape import draw
+
+    name, _, number = object_.rpartition("-")
+    if name not in FAMILIES or not number.isdigit():
+        raise Refused(
+            "unavailable",
+            f"No shape family makes the object {object_}.",
+            "Ids are a family's name and a number; `vibraverse objects --families` lists the families.",
+        )
+    return draw(FAMILIES[name].load(), object_)
+
+
+def generate(object_: str) -> Generated:
+    """Return the object of an id such as ``bowl-0007``: the same arrays, bit for bit, every time.
+
+    ``vertices`` (V, 3) float64 in metres, ``faces`` (F, 3) int64, closed, manifold, one connected surface with
+    its outside counter-clockwise. Raises :class:`Refused` (``unavailable``) for an id of no family.
+    """
+    import numpy as np
+
+    shape = drawn(object_)
+    name = object_.rpartition("-")[0]
+    family = FAMILIES[name]
+    vertices, faces = shape.build()
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    vertices = (vertices - (low + high) / 2) * (shape.size_m / (high - low).max())
+    return Generated(
+        vertices=np.round(vertices, _DIGITS) + 0.0,  # no negative zeros
+        faces=faces,
+        size_m=shape.size_m,
+        parameters=asdict(shape),
+        family=name,
+        title=family.description[0].upper() + family.description[1:],
+        category=family.category,
+    )

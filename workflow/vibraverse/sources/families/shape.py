@@ -1,0 +1,61 @@
+"""What a shape family is: a frozen dataclass of parameters with ranges, and how it is built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, fields
+from typing import ClassVar
+
+import numpy as np
+
+from vibraverse.contract.seeds import rng
+
+
+def between(low, high):
+    """Return the field of a parameter drawn uniformly from [low, high]; whole numbers where both are."""
+    return field(metadata={"between": (low, high)})
+
+
+def one_of(*values):
+    """Return the field of a parameter drawn from ``values``."""
+    return field(metadata={"one_of": values})
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Base of all families. Lengths are relative to the shape itself unless the field says metres.
+
+    Every family has ``size_m``, the natural length of its longest side in metres, drawn log-uniformly.
+    """
+
+    size_m: float
+
+    size_range_m: ClassVar[tuple[float, float]]
+
+    def build(self):
+        """Return ``(vertices, faces)`` in the family's own units, closed and oriented outwards."""
+        raise NotImplementedError
+
+
+def draw(family: type[Shape], object_: str) -> Shape:
+    """Draw a family's parameters; each has its own seed, so that a new one changes no other."""
+    values = {}
+    for parameter in fields(family):
+        random = rng(object_, "shape", parameter.name)
+        if parameter.name == "size_m":
+            low, high = np.log(family.size_range_m)
+            values["size_m"] = _short(np.exp(random.uniform(low, high)))
+        elif "one_of" in parameter.metadata:
+            choices = parameter.metadata["one_of"]
+            values[parameter.name] = choices[random.integers(len(choices))]
+        else:
+            low, high = parameter.metadata["between"]
+            whole = isinstance(low, int) and isinstance(high, int)
+            values[parameter.name] = (
+                int(random.integers(low, high + 1)) if whole else _short(random.uniform(low, high))
+            )
+    return family(**values)
+
+
+def _short(value: float) -> float:
+    """Round to four digits, so that the record states exactly what was built."""
+    return float(f"{value:.4g}")

@@ -1,0 +1,142 @@
+"""Finding products that are not what they were, so that they can be made again.
+
+Every product states the checksums of what it was made from and of what was made with it, and a shard those of the
+products it packs. A file that is not what a later one was made from has been changed since, unless it is newer: then
+the next run makes the later one again, and nothing is wrong.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import NamedTuple
+
+from vibraverse.contract import products
+from vibraverse.contract.refusal import read_refusal
+from vibraverse.flow.chain import shards_in
+from vibraverse.flow.paths import Paths
+from vibraverse.upkeep.lineage import Made, after, jobs, makers
+
+
+class Wrong(NamedTuple):
+    """A wrong product: its path, why, what makes it again, and all files and folders that this makes anew.
+
+    A file that is none of the run's has nothing that makes it.
+    """
+
+    path: Path
+    sentence: str
+    by: str
+    anew: list[Path]
+    object: str = ""
+
+
+def last_products(paths: Paths, shards: Iterable[Path]) -> list[Path]:
+    """Return all that is made of any shard, last things first, and the shards.
+
+    Snakemake looks for what is asked for in the end, and makes nothing again before something of that is missing.
+    """
+    tables = (paths.index, paths.index_parquet, paths.splits, paths.refusals, paths.dataset_record)
+    index = (*tables, paths.card, paths.overview, paths.croissant, paths.dataset_config)
+    made = (paths.report, paths.verdict, paths.dataset_sums, *index)
+    return [path for path in (*map(Path, made), *shards) if path.is_file()]
+
+
+def in_order(paths: Paths, files: Iterable[Path], objects: Iterable[str]) -> list[Path]:
+    """Return files of these objects and of the dataset, and what is made of them in the end, as they are to be deleted.
+
+    The last products and the shards come first: were one stopped in between, Snakemake would otherwise find all that
+    is asked for, and make nothing again. Files of an object stay in the order of its chain, since the later ones tell
+    that one is wrong until it is gone.
+    """
+    return list(dict.fromkeys([*last_products(paths, shards_of(paths, objects)), *files]))
+
+
+def shards_of(paths: Paths, objects: Iterable[str]) -> list[Path]:
+    """Return the shards that hold these objects, and those that cannot be read."""
+    wanted, found = set(objects), []
+    for shard in shards_in(paths.dataset):
+        held = packed_products(shard)
+        if held is None or wanted & set(held):
+            found.append(shard)
+    return found
+
+
+def wrong_products(paths: Paths, object_id: str, packed: dict[str, str], packed_at: float) -> Iterator[Wrong]:
+    """Yield the products of an object that are not as they were made.
+
+    ``packed`` maps products, below the object's folder, to the checksums that its shard states; ``packed_at`` is the
+    time of that shard.
+    """
+    every = jobs(paths, object_id)
+    chain = [made for made in every if made.record.is_file() and not read_refusal(made.record)]
+    made_by = makers(chain)
+    digest = cache(products.sha256)
+    reported: set[Made] = set()
+
+    def report(made: Made, path: Path, sentence: str) -> Iterator[Wrong]:
+        if made not in reported:
+            reported.add(made)
+            anew = [place for later in after(made) for place in later.places if place.exists()]
+            yield Wrong(path, sentence, str(made), anew, object_id)
+
+    for made in every:
+        if made.record.parent in made.places and made.record.parent.is_dir() and not made.record.is_file():
+            yield from report(made, made.record, "it is missing")
+    for made in chain:
+        if not made.provenance:
+            yield from report(made, made.record, "its provenance cannot be read")
+        for name, stated in made.provenance.get("output_sha256", {}).items():
+            for path in made.output(name):
+                right = stated.get(path.name) if isinstance(stated, dict) else stated
+                if path.is_file() and right is not None and digest(path) != right:
+                    yield from report(made, path, f"it is not what {made.step.stage} wrote")
+                elif made.place(name).is_dir() and not path.is_file():
+                    yield from report(made, path, "it is missing")
+        for name, right in made.provenance.get("input_sha256", {}).items():
+            path = made.input(name) if name in made.step.inputs else None
+            if path in made_by and _changed(path, right, made.record.stat().st_mtime, digest):
+                yield from report(made_by[path], path, f"it is not what {made} was made from")
+    folder = Path(paths.at(paths.object, object=object_id))
+    for name, right in packed.items():
+        path = folder / name
+        if path in made_by and _changed(path, right, packed_at, digest):
+            yield from report(made_by[path], path, "it is not what its shard was made from")
+
+
+def _changed(path: Path, right: str, used_at: float, digest) -> bool:
+    return path.is_file() and path.stat().st_mtime <= used_at and digest(path) != right
+
+
+def packed_products(shard: Path) -> dict[str, dict[str, str]] | None:
+    """Return object -> products -> checksums, as a shard states them; None where it cannot be read."""
+    import h5py
+
+    try:
+        with h5py.File(shard) as h5:
+            return {
+                name: json.loads(group["products"].asstr()[()]) if "products" in group else {}
+                for name, group in h5["objects"].items()
+            }
+    except (OSError, ValueError, LookupError, RuntimeError):
+        return None
+
+
+def wrong_dataset(paths: Paths) -> Iterator[Wrong]:
+    """Yield the files of the dataset that are not as they were written, each once."""
+    from vibraverse.dataset.check.folder import SHARDS, findings
+
+    seen = set()
+    for finding in findings(paths.dataset):
+        if finding.file in seen:
+            continue
+        seen.add(finding.file)
+        path, is_shard = Path(paths.dataset) / finding.file, finding.file.startswith(SHARDS)
+        if finding.stranger:
+            yield Wrong(path, finding.sentence, "", [])
+            continue
+        sentence = f"{finding.object}: {finding.sentence}" if finding.object else finding.sentence
+        files = last_products(paths, [path] if is_shard else [])
+        yield Wrong(path, sentence, "dataset" if is_shard else "index", files)
