@@ -13,7 +13,7 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 
-from vibraverse.cli import set_threads
+from vibraverse.machine.threads import set_threads
 
 set_threads(1)
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 from functools import cache
 
-from vibraverse.cli import set_threads
+from vibraverse.machine.threads import set_threads
 
 set_threads(1)
 

@@ -11,7 +11,7 @@ import argparse
 import time
 from pathlib import Path
 
-from vibraverse.cli import set_threads
+from vibraverse.machine.threads import set_threads
 
 set_threads(1)
 

@@ -22,7 +22,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from vibraverse.cli import set_threads
+from vibraverse.machine.threads import set_threads
 
 # Before numpy is imported, here and in every process that runs a solver.
 set_threads(1)

@@ -13,7 +13,7 @@ import argparse
 import itertools
 import time
 
-from vibraverse.cli import set_threads
+from vibraverse.machine.threads import set_threads
 
 set_threads(1)
 

@@ -13,7 +13,7 @@ import multiprocessing
 import sys
 from pathlib import Path
 
-from vibraverse.cli import set_threads
+from vibraverse.machine.threads import set_threads
 
 set_threads(1)
 sys.path.append(str(Path(__file__).parent.parent / "tests"))

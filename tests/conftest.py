@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from vibraverse.cli import set_threads
+from vibraverse.machine.threads import set_threads
 
 # As every job of a run, and before any test module loads a numerical library: threads that wait for each other on
 # a busy machine cost many times what they save.

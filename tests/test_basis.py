@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from meshes import box, distorted_box
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.contract.seeds import rng
 from vibraverse.files.basis import read_basis, write_basis
 from vibraverse.physics.basis import boundary, build_basis, rigid_body

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import shapes
-from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.files import meshes
 from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.cleaning.clean import clean

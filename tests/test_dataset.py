@@ -18,7 +18,8 @@ import soundfile
 import make_products
 import vibraverse.dataset
 from vibraverse.contract import products
-from vibraverse.contract.refusal import Refusal, Refused, read_refusal
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import Refusal, read_refusal
 from vibraverse.dataset import schema
 from vibraverse.dataset.check import validator
 from vibraverse.dataset.write import making

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from meshes import box, distorted_box
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.contract.seeds import rng
 from vibraverse.physics.columns import residuals
 from vibraverse.physics.eigensolver import RIGID, count_below, solve

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.files.formats.polygons import triangulate
 from vibraverse.files.meshes import ply_bytes
 from vibraverse.sources.families import FAMILIES, drawn, generate

@@ -16,7 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 import shapes
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.cleaning.clean import clean
 from vibraverse.geometry.cleaning.judge import judge

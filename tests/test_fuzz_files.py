@@ -25,7 +25,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from mesh_bytes import SAMPLES, glb, gltf, gltf_binary, ply, stl, stl_text, threemf, threemf_text
-from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.files.meshes import read_mesh
 
 MINUTES = float(os.environ.get("VIBRAVERSE_FUZZ", 0))

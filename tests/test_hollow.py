@@ -10,7 +10,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 import shapes
-from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.seeds import rng
 from vibraverse.files import meshes
 from vibraverse.geometry import repair, surfaces

@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from vibraverse.contract.errors import Refused
 from vibraverse.contract.limits import run_limited
-from vibraverse.contract.refusal import Refused
 
 
 def crash() -> None:

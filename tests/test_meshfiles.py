@@ -11,7 +11,7 @@ import trimesh
 
 from mesh_bytes import CORNERS, QUADS, SIDES, glb, gltf_binary, obj, off, ply, stl, stl_text, threemf
 from mesh_bytes import gltf as document
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.files.formats.gltf import pack
 from vibraverse.files.meshes import read_mesh, read_ply, write_ply
 from vibraverse.sources.search import FORMATS, as_one_file

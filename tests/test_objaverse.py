@@ -9,8 +9,9 @@ import pytest
 import trimesh
 
 from mesh_bytes import run_sources as run_stage
+from vibraverse.contract.errors import Refused
 from vibraverse.contract.products import read_json
-from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.files.meshes import read_mesh
 from vibraverse.sources.objaverse import fetch
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from vibraverse.cli import _processor_flags
+from vibraverse.machine.threads import _processor_flags
 
 #: Versions of NumPy and SciPy, and digests that an AMD EPYC (Zen 5) and an Intel Xeon gave with them, which differ
 #: from each other where nothing is pinned.
@@ -18,7 +18,7 @@ DIGESTS = (
     "stiffness 2e5aae81 solution e5989bb8 modes 549cf654"
 )
 PROGRAM = """
-from vibraverse.cli import set_threads
+from vibraverse.machine.threads import set_threads
 set_threads(1)
 import hashlib
 import numpy as np

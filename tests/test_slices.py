@@ -10,7 +10,7 @@ from itertools import chain
 import pytest
 
 from vibraverse.config import ConfigError, parse
-from vibraverse.dataset.split.assignment import shards_of_slice, slice_numbers
+from vibraverse.contract.slices import shards_of_slice, slice_numbers
 from vibraverse.flow.plan import Plan
 from vibraverse.flow.targets import everything
 from workflow_runs import TINY, Run

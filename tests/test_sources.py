@@ -14,8 +14,9 @@ import pytest
 from mesh_bytes import TRIANGLE, make
 from mesh_bytes import run_sources as run_stage
 from vibraverse.config import ConfigError, parse
+from vibraverse.contract.errors import Refused
 from vibraverse.contract.products import read_json
-from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.files.meshes import read_mesh
 from vibraverse.sources.bundled import BUNDLED, locate
 from vibraverse.sources.catalogue import catalogue, generated_ids

@@ -13,7 +13,8 @@ import vibraverse.dataset
 from vibraverse.config import ConfigError
 from vibraverse.config.dataset import Dataset
 from vibraverse.contract import products
-from vibraverse.dataset.split.assignment import assign, emptiness, shard_of, split_of
+from vibraverse.contract.slices import shard_of
+from vibraverse.dataset.split.assignment import assign, emptiness, split_of
 from vibraverse.dataset.split.copies import groups, natural
 from vibraverse.flow.plan import Plan
 from vibraverse.flow.targets import kept_splits

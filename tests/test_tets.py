@@ -10,7 +10,8 @@ import pytest
 
 import shapes
 from vibraverse.config.geometry import Tets
-from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.files import meshes
 from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.distance.crossing import crossing_faces

@@ -16,9 +16,9 @@ from typing import NamedTuple
 import pytest
 
 import shapes
-from vibraverse import cli
 from vibraverse.files.meshes import write_ply
 from vibraverse.machine import warm
+from vibraverse.machine.threads import asked_threads
 
 COMMANDS = Path(sys.executable).parent
 
@@ -157,10 +157,10 @@ def test_a_job_that_cannot_say_why_it_fails_fails(process, tmp_path):
 
 
 def test_threads_are_read_in_either_form():
-    assert cli.asked_threads(["sources", "--threads", "4"]) == "4"
-    assert cli.asked_threads(["sources", "--threads=4"]) == "4"
-    assert cli.asked_threads(["sources", "--object", "--threads"]) == ""
-    assert cli.asked_threads(["sources"]) == "1"
+    assert asked_threads(["sources", "--threads", "4"]) == "4"
+    assert asked_threads(["sources", "--threads=4"]) == "4"
+    assert asked_threads(["sources", "--object", "--threads"]) == ""
+    assert asked_threads(["sources"]) == "1"
 
 
 def test_the_limits_of_a_child_hold(process, tmp_path):

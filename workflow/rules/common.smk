@@ -8,7 +8,7 @@ from vibraverse.machine.containers import image
 from vibraverse.flow.plan import Plan
 from vibraverse.contract.products import text_sha256
 from vibraverse.flow.resources import memory, minutes
-from vibraverse.stages import VERSIONS
+from vibraverse.flow.steps import VERSIONS
 
 # Snakemake would merge a file given with --configfile into config.yaml; here it stands alone, so that what
 # `vibraverse config show FILE` says is what runs. Single keys of --config go on top of either.

@@ -20,7 +20,7 @@ if plan.joins and workflow.is_main_process:
 
 
 onstart:
-    many_jobs.planned()
+    patches.planned()
     only_run(paths.results, plan.owned)
     preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = list(workflow.dag.needrun_jobs())

@@ -1,7 +1,5 @@
 """Allow ``python -m vibraverse``."""
 
-import sys
+from vibraverse.cli import entry
 
-from vibraverse.cli import main
-
-sys.exit(main())
+entry()

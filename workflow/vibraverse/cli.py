@@ -7,31 +7,16 @@ settings stand before any numerical library starts.
 from __future__ import annotations
 
 import importlib
-import itertools
 import os
 import sys
 
 from vibraverse import __version__
+from vibraverse.contract.errors import NotStored, NotThere, UsageError
+from vibraverse.contract.step import BODY, KNOWN_BODY, OBJECT, Step, option
+from vibraverse.flow.steps import BY_NAME
+from vibraverse.machine import warm
 from vibraverse.machine.compiled import use_compiled_loops
-
-#: Stage subcommands: name -> one line of help. The module is ``vibraverse.stages.<name>``.
-STAGES = {
-    "sources": "fetch or generate one object's mesh, with where it came from",
-    "clean": "make a closed, oriented, manifold surface in [-1, 1]³",
-    "grids": "voxelise the surface and measure the signed distance",
-    "hollow": "take the inside out of the body",
-    "tets": "fill a surface with tetrahedra",
-    "basis": "solve for the material-independent modal basis",
-    "modes": "frequencies, damping and mode shapes of every material",
-    "audio": "render the impact sounds",
-    "images": "render views of the outside",
-    "dataset": "pack objects into one HDF5 shard",
-    "index": "write the dataset's index, refusals and record",
-    "report": "write the page people open",
-    "validation_meshes": "mesh a body whose frequencies are known, coarse to fine",
-    "validation_modes": "compare a body's frequencies with those it must have",
-    "validation_table": "join the comparisons of all bodies, and plot them",
-}
+from vibraverse.machine.threads import asked_threads, set_rounding, set_threads
 
 #: Subcommands for people: name -> one line of help. The module is ``vibraverse.commands.<name>``.
 COMMANDS = {
@@ -52,63 +37,31 @@ COMMANDS = {
     "validation": "show how near the frequencies of known bodies are",
 }
 
-_THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "NUMEXPR_NUM_THREADS",
-    "LP_NUM_THREADS",  # Mesa's software renderer
-)
-
-#: Libraries choose loops by the processor, and each rounds in its own way: a level set whose axes turn by 1e-9 may be
-#: remade quite differently. With these every processor with AVX2 takes the same loops.
-ROUNDING = {
-    "MKL_CBWR": "AVX2,STRICT",
-    "OPENBLAS_CORETYPE": "Haswell",
-    "NPY_DISABLE_CPU_FEATURES": "X86_V4 AVX512_ICL AVX512_SPR",
-}
-
-
-class UsageError(Exception):
-    """A mistake in what was asked for: one sentence, exit code 2, nothing written."""
-
 
 def _overview() -> str:
     def table(rows):
         return "\n".join(f"  {name:<17} {text}" for name, text in rows.items())
 
+    stages = {name: step.help for name, step in BY_NAME.items()}
     return (
         "usage: vibraverse COMMAND …      (vibraverse COMMAND --help tells more)\n\n"
         "From meshes to shapes, modes, impact sounds and pictures that agree by physics.\n\n"
-        f"For people:\n{table(COMMANDS)}\n\nStages, as the workflow calls them:\n{table(STAGES)}\n"
+        f"For people:\n{table(COMMANDS)}\n\nStages, as the workflow calls them:\n{table(stages)}\n"
     )
 
 
-def set_threads(threads: int) -> None:
-    """Fix the thread count, and the rounding, before any numerical library is loaded."""
-    for variable in _THREAD_VARIABLES:
-        os.environ[variable] = str(threads)
-    set_rounding()
-
-
-def set_rounding() -> None:
-    """Let libraries take the same loops as on other processors; before any of them is loaded."""
-    if {"avx2", "fma"} <= _processor_flags():
-        for variable, value in ROUNDING.items():
-            os.environ.setdefault(variable, value)
-
-
-def _processor_flags() -> set[str]:
-    """Return what the processor is capable of, in the kernel's words; nothing where the system does not say."""
-    try:
-        with open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
-            return next((set(line.split()) for line in file if line.startswith("flags")), set())
-    except OSError:
-        return set()
+def entry() -> None:
+    """Run the command line and end the process with its status."""
+    status = main()
+    if status == 1 and "h5py" in sys.modules:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(status)  # HDF5 crashes at a process's end over what it could not write
+    sys.exit(status)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line; return the exit status."""
+    """Run the command line; return the exit status: 1 where the machine failed, 2 for a mistake in what was asked."""
     argv = sys.argv[1:] if argv is None else argv
     set_rounding()
     if not argv or argv[0] in ("-h", "--help", "help"):
@@ -118,25 +71,24 @@ def main(argv: list[str] | None = None) -> int:
         print(f"vibraverse {__version__}")
         return 0
     name, rest = argv[0], argv[1:]
-    if name in STAGES and os.environ.get("VIBRAVERSE_WARM"):
-        from vibraverse.machine import warm
+    if name == warm.SUBCOMMAND:
+        from vibraverse.machine.warm_process import serve
 
-        status = warm.ask(os.environ["VIBRAVERSE_WARM"], argv)
+        serve(main, rest[0], int(rest[1]))
+        return 0
+    if name in BY_NAME and os.environ.get(warm.VARIABLE):
+        status = warm.ask(os.environ[warm.VARIABLE], argv)
         if status is not None:
             return status
     use_compiled_loops()
     try:
-        if name in STAGES:
-            return _run_stage(name, rest, ["vibraverse", *argv])
-        if name in COMMANDS:
-            module = importlib.import_module(f"vibraverse.commands.{name}")
-            return module.main(rest) or 0
-        from vibraverse.contract.texts import unknown
-
-        raise UsageError(unknown("command", name, [*COMMANDS, *STAGES]))
+        return _run(name, rest)
     except UsageError as error:
         print(f"vibraverse: {error}", file=sys.stderr)
         return 2
+    except (NotStored, NotThere) as error:
+        print(f"vibraverse: {error}", file=sys.stderr)
+        return 1
     except KeyboardInterrupt:
         print("vibraverse: interrupted", file=sys.stderr)
         return 130
@@ -145,69 +97,88 @@ def main(argv: list[str] | None = None) -> int:
         return 141
 
 
-def asked_threads(argv: list[str]) -> str:
-    """Return what stands after ``--threads``, which is needed before there is a parser: that of the stage."""
-    for word, following in itertools.pairwise([*argv, ""]):
-        name, equals, value = word.partition("=")
-        if name == "--threads":
-            return value if equals else following
-    return "1"
+def _run(name: str, argv: list[str]) -> int:
+    """Run a subcommand; raises :class:`NotStored` where what it writes cannot be stored."""
+    if name in BY_NAME:
+        _run_stage(BY_NAME[name], argv)
+        return 0
+    if name not in COMMANDS:
+        from vibraverse.contract.texts import unknown
+
+        raise UsageError(unknown("command", name, [*COMMANDS, *BY_NAME]))
+    from vibraverse.contract.products import not_stored
+
+    module = importlib.import_module(f"vibraverse.commands.{name}")
+    try:
+        return module.main(argv) or 0
+    except BrokenPipeError:
+        raise
+    except OSError as error:
+        said = not_stored(error, error.filename2 or error.filename or "what the command writes")
+        if not said:
+            raise
+        raise NotStored(said) from error
 
 
-def _run_stage(name: str, argv: list[str], command: list[str]) -> int:
+def _parser(step: Step):
     import argparse
     from pathlib import Path
 
-    from vibraverse.config import ConfigError, validate
+    from vibraverse.flow.paths import SOLIDITIES
+
+    parser = argparse.ArgumentParser(prog=f"vibraverse {step.name}", description=step.help)
+    if step.per in (OBJECT, BODY, KNOWN_BODY):
+        parser.add_argument("--object", required=True, metavar="ID", help="the object's id")
+    if step.per == BODY:
+        parser.add_argument("--solidity", required=True, choices=SOLIDITIES, help="which body")
+    for group, arguments in (("inputs", step.inputs), ("outputs", step.outputs)):
+        section = parser.add_argument_group(group)
+        for key, argument in arguments.items():
+            section.add_argument(
+                option(key),
+                dest=f"{group}.{key}",
+                required=not argument.optional,
+                nargs="+" if getattr(argument, "many", False) else None,
+                type=Path,
+                metavar="FOLDER" if getattr(argument, "record", "") else "FILE",
+                help=argument.help,
+            )
+    if step.options:
+        parser.add_argument("--options", default="{}", metavar="JSON", help="the stage's configuration block")
+    parser.add_argument("--threads", type=int, default=1, metavar="N", help="threads to use (default 1)")
+    return parser
+
+
+def _run_stage(step: Step, argv: list[str]) -> None:
     from vibraverse.contract.stage import Job, run
 
     if hasattr(sys.stdout, "reconfigure"):
         sys.stdout.reconfigure(line_buffering=True)  # a log has what was said in its order
     threads = asked_threads(argv)
     set_threads(int(threads) if threads.isdigit() else 1)
-    stage = importlib.import_module(f"vibraverse.stages.{name}").STAGE
-
-    parser = argparse.ArgumentParser(prog=f"vibraverse {name}", description=stage.help)
-    if stage.per_object:
-        parser.add_argument("--object", required=True, metavar="ID", help="the object's id")
-    if stage.per_solidity:
-        parser.add_argument("--solidity", required=True, choices=("solid", "hollow"), help="which body")
-    for group, arguments in (("inputs", stage.inputs), ("outputs", stage.outputs)):
-        section = parser.add_argument_group(group)
-        for key, text in arguments.items():
-            section.add_argument(
-                f"--{key.replace('_', '-')}",
-                dest=f"{group}.{key}",
-                required=key not in stage.optional,
-                nargs="+" if key in stage.many else None,
-                type=Path,
-                metavar="FOLDER" if key in stage.folders else "FILE",
-                help=text,
-            )
-    if stage.options is not None:
-        parser.add_argument("--options", default="{}", metavar="JSON", help="the stage's configuration block")
-    parser.add_argument("--threads", type=int, default=1, metavar="N", help="threads to use (default 1)")
-    values = vars(parser.parse_args(argv))
-
+    values = vars(_parser(step).parse_args(argv))
     options = None
-    if stage.options is not None:
+    if step.options:
         import json
 
+        from vibraverse.config import section, validate
+
         try:
-            options = validate(stage.options, json.loads(values["options"]), prefix=name)
+            options = validate(section(step.options), json.loads(values["options"]), prefix=step.name)
         except json.JSONDecodeError as error:
             raise UsageError(f"--options is not valid JSON: {error}") from None
-        except ConfigError as error:
-            raise UsageError(str(error)) from None
+
+    def named(group: str, arguments) -> dict:
+        return {key: values[f"{group}.{key}"] for key in arguments if values[f"{group}.{key}"] is not None}
+
     job = Job(
-        stage=stage,
+        step=step,
         object=values.get("object", ""),
         solidity=values.get("solidity", ""),
-        inputs={key: values[f"inputs.{key}"] for key in stage.inputs if values[f"inputs.{key}"] is not None},
-        final={
-            key: values[f"outputs.{key}"] for key in stage.outputs if values[f"outputs.{key}"] is not None
-        },
+        inputs=named("inputs", step.inputs),
+        final=named("outputs", step.outputs),
         options=options,
         threads=values["threads"],
     )
-    return run(job, command)
+    work = importlib.import_module(f"vibraverse.stages.{step.name}").run
+    run(job, work, ["vibraverse", step.name, *argv])

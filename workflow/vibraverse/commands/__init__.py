@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import shlex
 from pathlib import Path
 
-#: The configuration that a run has when none is named.
-DEFAULT_CONFIG = "config.yaml"
+from vibraverse.contract.texts import DEFAULT_CONFIG
 
 
 def run_arguments() -> argparse.ArgumentParser:
@@ -22,13 +20,9 @@ def run_arguments() -> argparse.ArgumentParser:
 
 def run_config(chosen: argparse.Namespace):
     """Return the configuration of the run that was named; raises ``UsageError`` where it is none."""
-    from vibraverse.cli import UsageError
-    from vibraverse.config import ConfigError, load
+    from vibraverse.config import load
 
-    try:
-        config = load(chosen.config or DEFAULT_CONFIG)
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
+    config = load(chosen.config or DEFAULT_CONFIG)
     return config.model_copy(update={"results": chosen.results}) if chosen.results else config
 
 
@@ -47,17 +41,6 @@ def run_solidities(chosen: argparse.Namespace) -> tuple[str, ...]:
 
     known = chosen.config or Path(DEFAULT_CONFIG).is_file()
     return tuple(run_config(chosen).solidities) if known else SOLIDITIES
-
-
-def advised(*words: str, config: str | Path | None = None, results: str | Path | None = None) -> str:
-    """Return a command for a sentence, to be pasted as it stands: the run is named as ``run_arguments`` take it."""
-    run = [*(["--config", str(config)] if config else []), *(["--results", str(results)] if results else [])]
-    return f"`{shlex.join(['vibraverse', words[0], *run, *words[1:]])}`"
-
-
-def counted(count: int, thing: str) -> str:
-    """Return how many there are, in words: ``1 object``, ``2 objects``."""
-    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
 
 
 def share(text: str) -> float:

@@ -5,8 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vibraverse.cli import UsageError
-from vibraverse.commands import advised, share
+from vibraverse.commands import share
+from vibraverse.contract.errors import UsageError
+from vibraverse.contract.texts import advised
 from vibraverse.flow.paths import Paths
 
 #: Findings printed.

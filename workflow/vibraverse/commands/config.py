@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import argparse
 
-from vibraverse.cli import UsageError
-from vibraverse.commands import counted
-from vibraverse.config import ConfigError, load, schema_text
+from vibraverse.config import load, schema_text
 from vibraverse.config.reference import markdown
+from vibraverse.contract.texts import counted
 from vibraverse.flow.plan import Plan
 
 
@@ -30,10 +29,7 @@ def main(argv: list[str]) -> int:
     if chosen.action in ("schema", "reference"):
         print(schema_text() if chosen.action == "schema" else markdown(), end="")
         return 0
-    try:
-        print(_ACTIONS[chosen.action](chosen.file))
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
+    print(_ACTIONS[chosen.action](chosen.file))
     return 0
 
 

@@ -8,7 +8,7 @@ import sys
 from contextlib import contextmanager
 from pathlib import Path
 
-from vibraverse.cli import UsageError
+from vibraverse.contract.errors import UsageError
 from vibraverse.contract.products import aside
 
 #: Numbers of the index that are named where one occurs nowhere.

@@ -6,7 +6,7 @@ import argparse
 import os
 import signal
 
-from vibraverse.cli import UsageError
+from vibraverse.contract.errors import UsageError
 from vibraverse.machine import gpus
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vibraverse.cli import UsageError
-from vibraverse.commands import counted
+from vibraverse.contract.errors import UsageError
+from vibraverse.contract.texts import counted
 
 
 def main(argv: list[str]) -> int:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from vibraverse.cli import UsageError
 from vibraverse.commands import run_arguments, run_config
-from vibraverse.config import ConfigError
 from vibraverse.sources.bundled import BUNDLED
 from vibraverse.sources.catalogue import Entry, catalogue
 from vibraverse.sources.families import FAMILIES, drawn
@@ -25,11 +23,8 @@ def main(argv: list[str]) -> int:
     if chosen.families:
         _print_table([(name, family.category, family.description) for name, family in FAMILIES.items()])
         return 0
-    try:
-        config = run_config(chosen)
-        entries = catalogue(config)
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
+    config = run_config(chosen)
+    entries = catalogue(config)
     if not entries:
         print("The configuration names no objects.")
         return 0

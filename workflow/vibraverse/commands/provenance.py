@@ -7,13 +7,15 @@ import json
 import shlex
 from pathlib import Path
 
-from vibraverse.cli import UsageError
-from vibraverse.commands import advised, counted
 from vibraverse.contract import products
+from vibraverse.contract.errors import UsageError
 from vibraverse.contract.refusal import read_refusal
+from vibraverse.contract.step import option
+from vibraverse.contract.texts import advised, counted
 from vibraverse.dataset.schema import MAKING
 from vibraverse.flow.chain import shards_in
 from vibraverse.flow.paths import Paths
+from vibraverse.flow.steps import BY_NAME
 from vibraverse.upkeep.lineage import Made, chain, jobs, logged, makers, packed_jobs
 
 #: Objects of a shard whose chains are told without being asked for.
@@ -113,16 +115,16 @@ def _of_dataset(
 def _after_shards(paths: Paths, shards: list[Path], file: Path, inside: str) -> list[tuple[str, str]]:
     """Return the jobs that made what is made of all shards."""
     record = Path(paths.dataset_record)
-    words = ["index", "--shards", *shards, "--index", paths.index, "--parquet", paths.index_parquet]
-    words += ["--splits", paths.splits, "--refusals", paths.refusals, "--record", record]
-    words += ["--card", paths.card, "--overview", paths.overview, "--croissant", paths.croissant]
-    if Path(paths.dataset_config).is_file():
-        words += ["--resolved", paths.config, "--config", paths.dataset_config]
     made = products.read_provenance(record)
+    words = ["index", "--shards", *shards]
+    if "resolved" in made["input_sha256"]:
+        words += ["--resolved", paths.config]
     if "kept" in made["input_sha256"]:
         words += [f"--kept={file}" for file in logged(paths.log("index"), "--kept=") or ["FILE"]]
-    options = json.dumps(made["options"], ensure_ascii=False)
-    command = _command([*words, "--sums", paths.dataset_sums, "--options", options])
+    for name, output in BY_NAME["index"].outputs.items():
+        place = getattr(paths, output.pattern)
+        words += [option(name), place] if not output.optional or Path(place).is_file() else []
+    command = _command([*words, "--options", json.dumps(made["options"], ensure_ascii=False)])
     found = [(f"{_versions(made)}\n    makes  {record}", command)]
     if inside == "verdict.json":
         share = products.read_json(file)["max_refused_share"]
@@ -159,11 +161,11 @@ def _told(made: Made) -> str:
             f"{advised('repair', results=made.paths.results)}"
         )
     lines = [f"{made}: {_versions(made.provenance)}"]
-    if made.step.stage == "sources":
+    if made.step.name == "sources":
         lines.append(f"    from   {_source(made.content)}")
     stated = made.provenance.get("input_sha256", {})
     for name, digest in stated.items():
-        path = made.input(name) if name in made.step.inputs else None
+        path = made.input(name) if name in made.step.chained else None
         lines.append(f"    from   {path or name}  {digest[:16]}{_since(path, digest)}")
     lines += [f"    makes  {path}" for path in made.outputs]
     return "\n".join([*lines, f"    again  {made.command()}"])

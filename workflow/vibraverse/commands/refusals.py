@@ -7,10 +7,11 @@ from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from vibraverse.cli import UsageError
-from vibraverse.commands import counted, run_arguments, run_paths, run_solidities, share
+from vibraverse.commands import run_arguments, run_paths, run_solidities, share
 from vibraverse.contract import products
+from vibraverse.contract.errors import UsageError
 from vibraverse.contract.refusal import REASONS, read_refusal
+from vibraverse.contract.texts import counted
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.flow.chain import Refusals, objects_in, refusals_of

@@ -6,9 +6,10 @@ import argparse
 from contextlib import nullcontext
 from pathlib import Path
 
-from vibraverse.cli import UsageError
-from vibraverse.commands import advised, counted, run_arguments, run_paths
+from vibraverse.commands import run_arguments, run_paths
 from vibraverse.contract import products
+from vibraverse.contract.errors import UsageError
+from vibraverse.contract.texts import advised, counted
 from vibraverse.flow.chain import objects_in, shards_in
 from vibraverse.flow.paths import Paths
 from vibraverse.machine import locks

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import argparse
 
-from vibraverse.cli import UsageError
 from vibraverse.commands import run_arguments, run_paths
+from vibraverse.contract.errors import UsageError
 from vibraverse.upkeep import measured
 
 

@@ -9,9 +9,8 @@ import time
 from collections import Counter
 from pathlib import Path
 
-from vibraverse.cli import UsageError
-from vibraverse.commands import counted, run_arguments, run_config
-from vibraverse.config import ConfigError
+from vibraverse.commands import run_arguments, run_config
+from vibraverse.contract.texts import counted
 from vibraverse.flow.plan import Plan
 from vibraverse.machine import locks
 from vibraverse.upkeep.progress import Survey, Work, mean_seconds, seconds_left, survey
@@ -29,10 +28,7 @@ def main(argv: list[str]) -> int:
         "`snakemake -n` tells.",
     )
     chosen = parser.parse_args(argv)
-    try:
-        plan = Plan(run_config(chosen))
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
+    plan = Plan(run_config(chosen))
     started = locks.run_since(plan.paths.results)
     found = survey(plan, started)
     print(_objects(plan, found))

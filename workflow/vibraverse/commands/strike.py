@@ -16,18 +16,21 @@ import sys
 import tempfile
 from pathlib import Path
 
-from vibraverse.cli import UsageError, set_threads
-from vibraverse.config import ConfigError, validate
+from vibraverse.config import ConfigError, section, validate
 from vibraverse.config.geometry import Hollow, Tets
 from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
 from vibraverse.contract import products
-from vibraverse.contract.refusal import Refused, read_refusal
+from vibraverse.contract.errors import Refused, UsageError
+from vibraverse.contract.refusal import read_refusal
+from vibraverse.contract.stage import Job, run
 from vibraverse.contract.texts import unknown
 from vibraverse.flow.paths import Paths
 from vibraverse.geometry import LONGEST_SIDE
+from vibraverse.machine.threads import set_threads
 from vibraverse.physics.materials import MATERIALS
+from vibraverse.upkeep.lineage import Made, needed
 
 _OVERRIDES = {
     "density_kg_m3": "rho",
@@ -223,65 +226,47 @@ class _Strike:
         return [point]
 
     def run(self, folder: Path) -> tuple[dict, Path]:
-        """Run the chain in ``folder``; return the facts and the path of the sound."""
-        p = Paths(folder)
+        """Run in ``folder`` the stages that a sound of the body needs; return the facts and the path of the sound."""
+        paths, name = Paths(folder), self.material_name
+        clean: dict = {}
+        for made in needed(paths, self.object, self.solidity, "audio"):
+            if made.step.name == "audio":
+                points = self._points(clean)
+                self.options["audio"] = Audio(points=points)
+                name = self.options["audio"].names([self.material_name])[-1]
+            self._stage(made)
+            if made.step.name == "clean":
+                clean = made.content
+                self._points(clean)  # says at once that the point is not on the mesh
 
-        def at(pattern):
-            return Path(
-                p.at(pattern, object=self.object, solidity=self.solidity, material=self.material_name)
-            )
+        def at(pattern: str) -> Path:
+            return Path(paths.at(pattern, object=self.object, solidity=self.solidity, material=name))
 
-        self._stage(
-            "sources", {"file": self.mesh}, {"mesh": at(p.source_mesh), "record": at(p.source_record)}
+        rendered = products.read_json(at(paths.audio_record))["sounds"][name]
+        return self._facts(at(paths.modes), clean, products.read_json(at(paths.tets_record)), rendered), at(
+            paths.sound
         )
-        self._stage(
-            "clean",
-            {"mesh": at(p.source_mesh), "source_record": at(p.source_record)},
-            {"surface": at(p.surface), "record": at(p.clean_record)},
-        )
-        clean = products.read_json(at(p.clean_record))
-        points = self._points(clean)
-        surface = p.surface
-        if self.solidity == "hollow":
-            self._stage("grids", {"surface": at(p.surface)}, {"grids": at(p.grids), "coarse": at(p.coarse)})
-            surface = p.hollow_surface
-            self._stage(
-                "hollow",
-                {"surface": at(p.surface), "grids": at(p.grids)},
-                {"hollow_surface": at(surface), "record": at(p.hollow_record)},
-            )
-        self._stage("tets", {"surface": at(surface)}, {"tets": at(p.tets), "record": at(p.tets_record)})
-        self._stage("basis", {"tets": at(p.tets)}, {"basis": at(p.basis)})
-        self._stage(
-            "modes",
-            {"basis": at(p.basis), "tets": at(p.tets), "clean_record": at(p.clean_record)},
-            {"modes": at(p.modes)},
-        )
-        audio = Audio(points=points)
-        name = audio.names([self.material_name])[-1]
-        self.options["audio"] = audio
-        self._stage("audio", {"basis": at(p.basis), "modes": at(p.modes)}, {"sounds": at(p.sounds)})
-        rendered = products.read_json(at(p.audio_record))["sounds"][name]
-        facts = self._facts(at(p.modes), clean, products.read_json(at(p.tets_record)), rendered)
-        return facts, at(p.sounds) / f"{name}.wav"
 
-    def _stage(self, name: str, inputs: dict, outputs: dict) -> None:
-        """Run one stage quietly; a refusal is raised, a failure shows what the stage said."""
-        from vibraverse.contract.stage import Job, run
-
+    def _stage(self, made: Made) -> None:
+        """Run one stage quietly; a refusal and a failure are raised."""
+        step = made.step
         if sys.stderr.isatty():
-            print(f"\r\033[K{name} …", end="", file=sys.stderr, flush=True)
-        stage = importlib.import_module(f"vibraverse.stages.{name}").STAGE
-        options = self.options.get(name) or (stage.options() if stage.options else None)
-        job = Job(stage, self.object, self.solidity, inputs, outputs, options, self.threads)
+            print(f"\r\033[K{step.name} …", end="", file=sys.stderr, flush=True)
+        options = self.options.get(step.name) or (section(step.options)() if step.options else None)
+        inputs = {name: made.input(name) for name in step.chained}
+        if step.name == "sources":
+            inputs["file"] = self.mesh
+        final = {name: made.place(name) for name in step.outputs}
+        job = Job(step, self.object, made.solidity, inputs, final, options, self.threads)
+        work = importlib.import_module(f"vibraverse.stages.{step.name}").run
         said = io.StringIO()
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            status = run(job, ["vibraverse", name])
-        if sys.stderr.isatty():
-            print("\r\033[K", end="", file=sys.stderr, flush=True)
-        if status:
-            raise UsageError(f"the stage {name} failed:\n{said.getvalue()}")
-        refusal = read_refusal(stage.record_at(*next(iter(outputs.items()))))
+        try:
+            with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+                run(job, work, ["vibraverse", step.name])
+        finally:
+            if sys.stderr.isatty():
+                print("\r\033[K", end="", file=sys.stderr, flush=True)
+        refusal = read_refusal(made.record)
         if refusal is not None:
             raise Refused(refusal.reason, refusal.message, refusal.advice)
 

@@ -16,9 +16,9 @@ from pathlib import Path
 
 import yaml
 
-from vibraverse.cli import UsageError
-from vibraverse.config import ConfigError, load
-from vibraverse.dataset.split.assignment import JOIN
+from vibraverse.config import load
+from vibraverse.contract.errors import UsageError
+from vibraverse.contract.slices import JOIN
 from vibraverse.flow.plan import Plan
 from vibraverse.flow.resources import CLASSES
 from vibraverse.machine import containers, preflight, slurm
@@ -186,13 +186,10 @@ def _checked(chosen: argparse.Namespace):
                 f"{found[0]} cannot stand after --, where the slice's own would replace it; write what it sets into "
                 f"{chosen.configfile}, or name another file with --configfile before --"
             )
-    try:
-        config = load(chosen.configfile)
-        if config.slice is not None:
-            raise UsageError(f"{chosen.configfile} names a slice already ({config.slice}); leave the key out")
-        Plan({**config.model_dump(), "slice": f"1/{chosen.slices}"})
-    except ConfigError as error:
-        raise UsageError(str(error)) from None
+    config = load(chosen.configfile)
+    if config.slice is not None:
+        raise UsageError(f"{chosen.configfile} names a slice already ({config.slice}); leave the key out")
+    Plan({**config.model_dump(), "slice": f"1/{chosen.slices}"})
     return config
 
 

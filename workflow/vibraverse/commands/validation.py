@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from vibraverse.cli import UsageError
 from vibraverse.contract import products
+from vibraverse.contract.errors import UsageError
 from vibraverse.flow.paths import Paths
 
 

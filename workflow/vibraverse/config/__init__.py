@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import json
 import os
 from pathlib import Path
@@ -14,13 +15,14 @@ from vibraverse.config.geometry import Clean, Grids, Hollow, Tets
 from vibraverse.config.media import Audio, Images
 from vibraverse.config.physics import Basis, Material, Modes, Sampled
 from vibraverse.config.sources import Sources
+from vibraverse.contract.errors import UsageError
+from vibraverse.contract.slices import JOIN, slice_numbers
 from vibraverse.contract.texts import listed, unknown
-from vibraverse.dataset.split.assignment import JOIN, slice_numbers
 from vibraverse.media.looks import LOOKS
 from vibraverse.physics.materials import MATERIALS, sampled_number
 
 
-class ConfigError(ValueError):
+class ConfigError(UsageError):
     """A mistake in the configuration, said in one sentence; several, in a line each below what ``subject`` has."""
 
     def __init__(self, *mistakes: str, subject: str = "the configuration"):
@@ -174,6 +176,12 @@ def validate(model: type[BaseModel], values: dict, prefix: str = ""):
         return model.model_validate(values)
     except ValidationError as error:
         raise ConfigError(*_sentences(model, error.errors(include_url=False), prefix)) from None
+
+
+def section(named: str) -> type[BaseModel]:
+    """Return the section of the configuration that a step names as ``module:Class``."""
+    module, _, name = named.partition(":")
+    return getattr(importlib.import_module(f"vibraverse.config.{module}"), name)
 
 
 def load(path: str | Path) -> Config:

@@ -23,7 +23,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 
 _TAIL = 600
 #: What libraries say when there is no memory left: the loader, C, C++, SuperLU.

@@ -57,6 +57,12 @@ def aside(path: str | Path) -> Path:
     return path.with_name(f".{os.getpid()}.partial.{path.name}")
 
 
+def work_folder(path: str | Path) -> Path:
+    """Return the folder beside ``path`` in which a stage keeps what it needs to go on after a kill."""
+    path = Path(path)
+    return path.with_name(f".work.{path.name}")
+
+
 def remove_partials(path: Path) -> None:
     """Remove what a killed run left beside ``path``."""
     for stale in path.parent.glob(f".*.partial.{glob.escape(path.name)}"):
@@ -120,9 +126,14 @@ def write_text(path: str | Path, text: str) -> None:
         partial.write_text(text, encoding="utf-8")
 
 
+def as_json(value) -> str:
+    """Return JSON in the writer's own order, NumPy numbers allowed."""
+    return json.dumps(value, indent=2, ensure_ascii=False, default=_plain) + "\n"
+
+
 def write_json(path: str | Path, value) -> None:
-    """Write JSON (sorted only by the writer's own order, NumPy numbers allowed), whole or not at all."""
-    write_text(path, json.dumps(value, indent=2, ensure_ascii=False, default=_plain) + "\n")
+    """Write JSON (see :func:`as_json`), whole or not at all."""
+    write_text(path, as_json(value))
 
 
 def _plain(value):

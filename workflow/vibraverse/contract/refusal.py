@@ -12,8 +12,6 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from vibraverse.contract.texts import storable
-
 #: Reason classes and the sentence a summary shows for each.
 REASONS = {
     "unreadable": "the file could not be read as a mesh",
@@ -34,27 +32,6 @@ _MARK = '{"vibraverse_refusal": 1'
 _MAX_BYTES = 16384
 #: Characters of an error that a refusal repeats.
 _MAX_SAID = 200
-
-
-class Refused(Exception):
-    """Raised where an object cannot be processed; becomes a refusal record.
-
-    ``reason`` is a key of :data:`REASONS`, ``message`` says what is wrong with what, ``advice`` what
-    its owner can do.
-    """
-
-    def __init__(self, reason: str, message: str, advice: str = ""):
-        if reason not in REASONS:
-            raise ValueError(f"unknown refusal reason {reason!r}; known: {', '.join(REASONS)}")
-        message, advice = storable(message), storable(advice)  # both may quote a file
-        super().__init__(message)
-        self.reason, self.message, self.advice = reason, message, advice
-
-    def __reduce__(self):
-        return (Refused, (self.reason, self.message, self.advice))
-
-    def __str__(self) -> str:
-        return f"{self.message} {self.advice}".strip()
 
 
 def said(error: Exception) -> str:

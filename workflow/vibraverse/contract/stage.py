@@ -1,9 +1,7 @@
-"""What a stage is and how one runs: files in, files out, refusals passed on.
+"""How a stage runs: files in, files out, refusals passed on.
 
-A stage module holds one :class:`Stage`. The command line builds its arguments from it, and
-:func:`run` gives it the contracts every stage keeps: the log opens with the command that repeats it, refused
-inputs are passed on at no cost, products appear whole or not at all, and a refusal is written where
-the products would have been.
+:func:`run` gives every stage its contract: the log opens with the command that repeats it, refused inputs are passed on
+at no cost, products appear whole or not at all, and a refusal is written where the products would have been.
 """
 
 from __future__ import annotations
@@ -14,56 +12,25 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibraverse import __version__
 from vibraverse.contract import products
-from vibraverse.contract.refusal import Refusal, Refused, read_refusal
+from vibraverse.contract.errors import NotStored, Refused, UsageError
+from vibraverse.contract.refusal import Refusal, read_refusal
+from vibraverse.contract.step import Step
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-
 #: The file by which Snakemake keeps the time of a folder.
 _TIMESTAMP = ".snakemake_timestamp"
-
-
-@dataclass(frozen=True)
-class Stage:
-    """The contract of one stage.
-
-    ``inputs`` and ``outputs`` map argument names to help texts. An input listed in ``many`` takes several paths, one in
-    ``optional`` may be left out; an output in ``folders`` is a folder of files, and the name there is that of its
-    record. ``options`` is the stage's configuration section. ``libraries`` are the distributions whose versions its
-    products state. With ``passes_refusals`` off the stage reads refused inputs itself.
-    """
-
-    name: str
-    help: str
-    inputs: dict[str, str]
-    outputs: dict[str, str]
-    run: Callable[[Job], None]
-    options: type[BaseModel] | None = None
-    many: frozenset[str] = frozenset()
-    folders: Mapping[str, str] = field(default_factory=dict)
-    optional: frozenset[str] = frozenset()
-    libraries: tuple[str, ...] = ()
-    per_object: bool = True
-    per_solidity: bool = False
-    passes_refusals: bool = True
-
-    @property
-    def version(self) -> int:
-        """The stage's version; raising it in ``vibraverse.stages`` reruns the stage everywhere."""
-        from vibraverse.stages import VERSIONS
-
-        return VERSIONS[self.name]
-
-    def record_at(self, output: str, place: Path) -> Path:
-        """Return where a refusal stands for the product at ``place``: there, or in the record of a folder."""
-        return place / self.folders[output] if output in self.folders else place
+#: What the system and HDF5 raise where a file cannot be written.
+_STORING = (OSError, RuntimeError, ValueError, LookupError)
 
 
 @dataclass
@@ -74,7 +41,7 @@ class Job:
     renamed into place when it returns.
     """
 
-    stage: Stage
+    step: Step
     object: str
     solidity: str
     inputs: dict[str, Path | list[Path]]
@@ -83,16 +50,31 @@ class Job:
     threads: int = 1
     outputs: dict[str, Path] = field(default_factory=dict)
 
+    @cached_property
+    def work(self) -> Path:
+        """The folder for what the stage keeps between attempts, made when first asked for.
+
+        It survives a kill and a retry, and goes when the products are published. One that was begun with other inputs,
+        options or versions is emptied. A file in it may be half-written: write those aside and rename them.
+        """
+        folder = products.work_folder(next(iter(self.final.values())))
+        begun, made_of = folder / "made-of.json", products.as_json(self.provenance())
+        if not begun.is_file() or begun.read_text(encoding="utf-8") != made_of:
+            products.remove(folder)
+            folder.mkdir(parents=True)
+            products.write_text(begun, made_of)
+        return folder
+
     def provenance(self, *written: str) -> dict:
         """Return versions, options and checksums, the same for the same inputs.
 
         ``written`` names the outputs that are complete, besides the one that will hold this; their checksums are in it.
         """
-        versions = products.library_versions(self.stage.libraries)
+        versions = products.library_versions(self.step.libraries)
         outputs = {"output_sha256": _checksums(self.outputs, written)} if written else {}
         return {
-            "stage": self.stage.name,
-            "stage_version": self.stage.version,
+            "stage": self.step.name,
+            "stage_version": self.step.version,
             "vibraverse": __version__,
             "libraries": versions,
             "object": self.object,
@@ -104,8 +86,7 @@ class Job:
 
     def write_record(self, content: dict) -> None:
         """Write the stage's JSON record: its findings, then its provenance."""
-        output = next(iter(self.stage.folders), "record")
-        record = self.stage.record_at(output, self.outputs[output])
+        record = self.step.outputs[self.step.record].record_in(self.outputs[self.step.record])
         written = [name for name, path in self.outputs.items() if path != record and path.exists()]
         products.write_json(record, {**content, "provenance": self.provenance(*written)})
 
@@ -126,92 +107,91 @@ def _checksums(files: Mapping[str, Path | list[Path]], names) -> dict:
 def _flat(paths: dict[str, Path | list[Path]]) -> list[Path]:
     flat: list[Path] = []
     for value in paths.values():
-        flat.extend(value if isinstance(value, list) else [value] if value is not None else [])
+        flat.extend(value if isinstance(value, list) else [value])
     return flat
 
 
-def _write_refusal(job: Job, refusal: Refusal) -> None:
-    for name, path in job.final.items():
-        with products.whole(path) as partial:
-            if name in job.stage.folders:
-                partial.mkdir()
-            job.stage.record_at(name, partial).write_text(refusal.to_text(), encoding="utf-8")
-    print(f"refused ({refusal.reason}): {refusal.message} {refusal.advice}".strip(), file=sys.stderr)
+def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
+    """Run a job, whose stage does ``work``; it ends with products, or with a refusal in their place.
 
-
-def run(job: Job, command: list[str]) -> int:
-    """Run a job and return its exit status: 0 for products or a refusal, else the machine failed."""
+    Raises :class:`UsageError` for inputs that do not exist and :class:`NotStored` where products cannot be written.
+    """
     print(shlex.join(command), file=sys.stderr, flush=True)
     for path in _flat(job.inputs):
         if not path.is_file():  # opening a pipe would wait for ever
             wrong = "is not a file" if path.exists() else "does not exist"
-            print(f"{job.stage.name}: the input {path} {wrong}.", file=sys.stderr)
-            return 2
-    for name in job.stage.folders:
-        _check_ours(job.stage, name, job.final[name])
-    if job.stage.passes_refusals:
-        for path in _flat(job.inputs):
-            refusal = read_refusal(path)
-            if refusal is not None:
-                _write_refusal(job, refusal)
-                return 0
+            raise UsageError(f"{job.step.name}: the input {path} {wrong}")
+    for name in job.step.folders:
+        _check_ours(job.step, name, job.final[name])
     started, cpu_before = time.perf_counter(), _cpu_s()
-    try:
-        refused = _make(job)
-    except Exception as error:
-        said = _not_stored(job, error)
-        if not said:
-            raise
-        print(f"{job.stage.name}: {said}", file=sys.stderr, flush=True)
-        os._exit(1)  # HDF5 crashes at a process's end over what it could not write
-    if refused:
-        return 0
+    with _storing(job):
+        refused = _passed_on(job) or _make(job, work)
+    if refused is not None:
+        _tell(refused)
+        return
     seconds = time.perf_counter() - started
     for path in job.final.values():
         print(f"wrote {path}", file=sys.stderr)
-    cpu_s = _cpu_s() - cpu_before
     print(
-        f"{job.stage.name}: done in {seconds:.1f} s, {cpu_s:.1f} s of CPU, at most {_most_mb()} MB",
+        f"{job.step.name}: done in {seconds:.1f} s, {_cpu_s() - cpu_before:.1f} s of CPU, at most {_most_mb()} MB",
         file=sys.stderr,
     )
-    return 0
 
 
-def _make(job: Job) -> bool:
-    """Make the products, or put a refusal in their place; return whether it was refused."""
+def _passed_on(job: Job) -> Refusal | None:
+    """Put the refusal of an input, where there is one, in the products' place; return it."""
+    for path in _flat(job.inputs) if job.step.passes_refusals else ():
+        refusal = read_refusal(path)
+        if refusal is not None:
+            _write_refusal(job, refusal)
+            return refusal
+    return None
+
+
+def _make(job: Job, work: Callable[[Job], None]) -> Refusal | None:
+    """Make the products, or put a refusal in their place; return it."""
     for path in job.final.values():
         path.parent.mkdir(parents=True, exist_ok=True)
         products.remove_partials(path)
     job.outputs = {name: products.aside(path) for name, path in job.final.items()}
+    refusal = None
     try:
-        for name in job.stage.folders:
+        for name in job.step.folders:
             job.outputs[name].mkdir()
-        job.stage.run(job)
+        work(job)
         for name, final in job.final.items():
             products.publish(job.outputs[name], final)
     except Refused as refused:
-        _write_refusal(
-            job,
-            Refusal(
-                job.object, job.stage.name, refused.reason, refused.message, refused.advice, job.solidity
-            ),
-        )
-        return True
+        about = refused.reason, refused.message, refused.advice
+        refusal = Refusal(job.object, job.step.name, *about, job.solidity)
+        _write_refusal(job, refusal)
     finally:
         for partial in job.outputs.values():
             products.remove(partial)
-    return False
+    products.remove(products.work_folder(next(iter(job.final.values()))))
+    return refusal
 
 
-def _check_ours(stage: Stage, name: str, folder: Path) -> None:
+def _write_refusal(job: Job, refusal: Refusal) -> None:
+    for name, path in job.final.items():
+        output = job.step.outputs[name]
+        with products.whole(path) as partial:
+            if output.record:
+                partial.mkdir()
+            output.record_in(partial).write_text(refusal.to_text(), encoding="utf-8")
+
+
+def _tell(refusal: Refusal) -> None:
+    print(f"refused ({refusal.reason}): {refusal.message} {refusal.advice}".strip(), file=sys.stderr)
+
+
+def _check_ours(step: Step, name: str, folder: Path) -> None:
     """Raise :class:`UsageError` where a folder that is to be replaced holds what the stage did not write."""
-    from vibraverse.cli import UsageError
-
     if not folder.exists():
         return
     if not folder.is_dir():
         raise UsageError(f"{name}: {folder} is a file, and the stage writes a folder; name another one")
-    record = stage.record_at(name, folder)
+    record = step.outputs[name].record_in(folder)
     try:
         written = set(products.read_provenance(record)["output_sha256"][name])
     except (OSError, ValueError, LookupError, TypeError):
@@ -225,15 +205,22 @@ def _check_ours(stage: Stage, name: str, folder: Path) -> None:
         )
 
 
-def _not_stored(job: Job, error: Exception) -> str:
-    """Return the sentence for an error that means that the products cannot be stored; empty for any other."""
-    finals = list(job.final.values())
-    if isinstance(error, PermissionError):  # which may as well mean an input
-        where = Path(str(error.filename))
-        inside = any(where.is_relative_to(path) for path in job.outputs.values())
-        if not inside and not any(path.is_relative_to(where) for path in finals):
-            return ""
-    return products.not_stored(error, finals[0])
+@contextmanager
+def _storing(job: Job):
+    """Raise :class:`NotStored` instead of an error which means that the products cannot be stored."""
+    try:
+        yield
+    except _STORING as error:
+        finals = list(job.final.values())
+        if isinstance(error, PermissionError):  # which may as well mean an input
+            where = Path(str(error.filename))
+            inside = any(where.is_relative_to(path) for path in job.outputs.values())
+            if not inside and not any(path.is_relative_to(where) for path in finals):
+                raise
+        said = products.not_stored(error, finals[0])
+        if not said:
+            raise
+        raise NotStored(f"{job.step.name}: {said}") from error
 
 
 def _cpu_s() -> float:

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import difflib
 import re
+import shlex
 from collections.abc import Sequence
+from pathlib import Path
 
+#: The configuration that a run has when none is named.
+DEFAULT_CONFIG = "config.yaml"
 #: Control characters but white space, and halves of characters: HDF5 holds no NUL, UTF-8 no half.
 _UNFIT = re.compile(r"[\x00-\x08\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
 #: Mistakes that a list of them shows.
@@ -38,3 +42,14 @@ def listed(subject: str, mistakes: Sequence[str]) -> str:
     if len(mistakes) > _SHOWN:
         shown.append(f"  and {len(mistakes) - _SHOWN} more")
     return "\n".join([f"{subject} has {len(mistakes)} mistakes:", *shown])
+
+
+def advised(*words: str, config: str | Path | None = None, results: str | Path | None = None) -> str:
+    """Return a command for a sentence, to be pasted as it stands: the run is named as ``run_arguments`` take it."""
+    run = [*(["--config", str(config)] if config else []), *(["--results", str(results)] if results else [])]
+    return f"`{shlex.join(['vibraverse', words[0], *run, *words[1:]])}`"
+
+
+def counted(count: int, thing: str) -> str:
+    """Return how many there are, in words: ``1 object``, ``2 objects``."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"

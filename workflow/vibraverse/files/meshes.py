@@ -15,7 +15,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from vibraverse.contract.refusal import Refused, said
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import said
 from vibraverse.files.formats.bounds import Bounds, TooLarge
 from vibraverse.files.formats.glb import parse_glb
 from vibraverse.files.formats.gltf import pack

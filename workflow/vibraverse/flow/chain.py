@@ -10,18 +10,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vibraverse.contract.refusal import Refusal, read_refusal
+from vibraverse.contract.step import BODY, OBJECT, Step
 from vibraverse.flow.paths import SOLIDITIES, Paths
-
-#: One product per stage is enough: a refusal stands in all of them. In the order of the chain.
-OBJECT_CHAIN = ("source_record", "clean_record", "grids", "images_record")
-BODY_CHAIN = ("tets_record", "basis", "modes", "audio_record")
-#: The folders that some of them lie in.
-_FOLDERS = {"images_record": "views", "audio_record": "sounds"}
+from vibraverse.flow.steps import CHAIN
 
 
-def body_chain(solidity: str) -> tuple[str, ...]:
-    """Return one product per stage of a body, in the order of the chain."""
-    return BODY_CHAIN if solidity == "solid" else ("hollow_record", *BODY_CHAIN)
+def chain_of(solidity: str = "") -> tuple[Step, ...]:
+    """Return the stages of the object itself, or those of one of its bodies alone, in the order of the chain."""
+    if not solidity:
+        return tuple(step for step in CHAIN if step.per == OBJECT and not step.only)
+    return tuple(step for step in CHAIN if step.per == BODY or step.only == solidity)
 
 
 class Refusals(NamedTuple):
@@ -52,10 +50,10 @@ class Refusals(NamedTuple):
 
 def refusals_of(paths: Paths, object_id: str, solidities=SOLIDITIES) -> Refusals:
     """Return what is refused of an object, by the first refused product of the object and of each body."""
-    at_object = _first(paths, OBJECT_CHAIN, object=object_id)
+    at_object = _first(paths, object_id)
     bodies = {}
     for solidity in solidities if at_object is None else ():
-        refusal = _first(paths, body_chain(solidity), object=object_id, solidity=solidity)
+        refusal = _first(paths, object_id, solidity)
         if refusal is not None:
             bodies[solidity] = refusal
     return Refusals(at_object, bodies)
@@ -66,12 +64,11 @@ def stage_products(paths: Paths, object_id: str, solidities, folders: bool = Fal
 
     With ``folders``, the folder where it lies in one: that is what Snakemake knows.
     """
-    names = [(name, "") for name in OBJECT_CHAIN]
-    names += [(name, solidity) for solidity in solidities for name in body_chain(solidity)]
-    called = _FOLDERS if folders else {}
     return [
-        paths.at(getattr(paths, called.get(name, name)), object=object_id, solidity=solidity)
-        for name, solidity in names
+        place if folders else str(step.outputs[step.record].record_in(Path(place)))
+        for solidity in ("", *solidities)
+        for step in chain_of(solidity)
+        for place in [paths.named(step.outputs[step.record].pattern, object=object_id, solidity=solidity)]
     ]
 
 
@@ -86,9 +83,12 @@ def shards_in(dataset: str | Path) -> list[Path]:
     return [shard for shard in sorted(Path(dataset, "shards").glob("*.h5")) if not shard.name.startswith(".")]
 
 
-def _first(paths: Paths, chain: tuple[str, ...], **wildcards: str) -> Refusal | None:
-    for product in chain:
-        refusal = read_refusal(paths.at(getattr(paths, product), **wildcards))
+def _first(paths: Paths, object_id: str, solidity: str = "") -> Refusal | None:
+    """Return the first refusal among the products of an object, or of a body: one stands in all of a stage's."""
+    for step in chain_of(solidity):
+        output = step.outputs[step.record]
+        place = Path(paths.named(output.pattern, object=object_id, solidity=solidity))
+        refusal = read_refusal(output.record_in(place))
         if refusal is not None:
             return refusal
     return None

@@ -7,6 +7,7 @@ targets, the dataset and the report take paths from here and never build them by
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 SOLIDITIES = ("solid", "hollow")
 
@@ -69,6 +70,11 @@ class Paths:
     def at(pattern: str, **wildcards: str) -> str:
         """Fill in the wildcards of a pattern."""
         return pattern.format(**wildcards)
+
+    def named(self, name: str, **wildcards: str) -> str:
+        """Return the path of the pattern of this name with its wildcards filled in."""
+        pattern = getattr(self, name)
+        return self.at(pattern(SimpleNamespace(**wildcards)) if callable(pattern) else pattern, **wildcards)
 
     def boundary(self, wildcards) -> str:
         """Return the surface that bounds a body: the object's own, or the one with the cavity."""

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from vibraverse.config import Config, ConfigError, parse
-from vibraverse.dataset.split.assignment import JOIN, shard_of, shards_of_slice
+from vibraverse.contract.slices import JOIN, shard_of, shards_of_slice
 from vibraverse.flow.paths import Paths
 from vibraverse.sources.catalogue import Entry, catalogue
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.distance.boxes import contains
 from vibraverse.geometry.distance.closest import ClosestPoint

@@ -18,6 +18,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from vibraverse.contract.errors import NotThere
+
 VISIBLE = "CUDA_VISIBLE_DEVICES"
 #: The UUIDs that a program or one that started it has claimed.
 CLAIMED = "VIBRAVERSE_GPUS_CLAIMED"
@@ -32,7 +34,7 @@ _QUERY = (
 _AGAIN = 1.0
 
 
-class NoGPU(Exception):
+class NoGPU(NotThere):
     """There are not as many GPUs as asked for, or not in time; the message says so, and the remedy."""
 
 

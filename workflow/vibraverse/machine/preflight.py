@@ -15,25 +15,21 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from vibraverse.commands import DEFAULT_CONFIG, advised
-from vibraverse.config import ConfigError, read
+from vibraverse.config import read
 from vibraverse.contract import products
-from vibraverse.contract.texts import unknown
+from vibraverse.contract.errors import NotThere, UsageError
+from vibraverse.contract.texts import DEFAULT_CONFIG, advised, unknown
 from vibraverse.machine import containers, gpus
 
 if TYPE_CHECKING:
     from vibraverse.flow.plan import Plan
 
 
-class NotThere(Exception):
-    """Something that the run needs is not there; the message says what, and the remedy."""
-
-
 def stop_without(check, *arguments):
     """Run a check and return what it finds; end the process with its sentence and exit status 2 where it fails."""
     try:
         return check(*arguments)
-    except (NotThere, ConfigError) as missing:
+    except (NotThere, UsageError) as missing:
         print(f"vibraverse: {missing}", file=sys.stderr)
         sys.exit(2)
 

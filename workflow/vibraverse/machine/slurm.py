@@ -11,8 +11,8 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import NamedTuple
 
-from vibraverse.commands import counted
-from vibraverse.machine.preflight import NotThere
+from vibraverse.contract.errors import NotThere
+from vibraverse.contract.texts import counted
 
 #: The Slurm job that this process is part of, if any: by itself, and as its array. Read when this is imported, for
 #: Snakemake's Slurm plugin deletes the variables before a run's first job.

@@ -13,6 +13,8 @@ import sys
 #: The environment variable that holds the address of a warm process; where it is set, if to nothing, none is started.
 #: It is a name in Linux's abstract namespace, which leaves no file behind.
 VARIABLE = "VIBRAVERSE_WARM"
+#: What starts a warm process, behind ``python -m vibraverse``: not for people.
+SUBCOMMAND = "warm-process"
 #: What goes before a message: its length in bytes.
 LENGTH = struct.Struct("!I")
 #: What the kernel tells of the process at the other end: its number, its user and group.
@@ -36,7 +38,7 @@ def ours(connection: socket.socket) -> bool:
 
 def ask(address: str, argv: list[str]) -> int | None:
     """Let the warm process at an address do a command; return its exit status, or None where it must be done here."""
-    from vibraverse.cli import asked_threads
+    from vibraverse.machine.threads import asked_threads
 
     if asked_threads(argv) != "1":
         return None

@@ -27,22 +27,11 @@ import traceback
 from collections.abc import Callable
 from functools import partial
 
-from vibraverse import cli
 from vibraverse.contract.limits import die_with, threads
+from vibraverse.flow.steps import STEPS
 from vibraverse.machine import warm
-from vibraverse.sources.families import FAMILIES
+from vibraverse.machine.threads import ROUNDING, set_threads
 
-#: What stages import when they work. Names that the environment lacks are passed over.
-_LIBRARIES = (
-    "vibraverse.files.basis", "vibraverse.files.meshes", "vibraverse.files.modes", "vibraverse.files.tets",
-    "vibraverse.geometry.cleaning.clean", "vibraverse.geometry.distance.field", "vibraverse.geometry.grids",
-    "vibraverse.geometry.hollow", "vibraverse.geometry.meshing.tets", "vibraverse.media.audio",
-    "vibraverse.media.images", "vibraverse.physics.basis", "vibraverse.physics.impulse",
-    "vibraverse.physics.modes", "vibraverse.physics.shapes",
-    "gmsh", "h5py", "manifold3d", "meshio", "mmgpy", "open3d", "pymeshlab", "pypardiso",
-    "pyvista.plotting", "scipy.interpolate", "scipy.ndimage", "scipy.optimize", "skfem", "soundfile",
-    "vtkmodules.vtkFiltersCore", "vtkmodules.vtkInteractionWidgets", "vtkmodules.vtkViewsContext2D",
-)  # fmt: skip
 #: Fewer jobs than this take less than the warm process's own imports.
 _WORTHWHILE = 10
 _GONE = select.POLLHUP | select.POLLERR | select.POLLRDHUP
@@ -60,7 +49,7 @@ def keep_warm(jobs: int) -> None:
     reading, _held = os.pipe()
     subprocess.Popen(
         # -P: what lies in the working folder is no module.
-        [sys.executable, "-P", "-m", "vibraverse.machine.warm_process", address, str(reading)],
+        [sys.executable, "-P", "-m", "vibraverse", warm.SUBCOMMAND, address, str(reading)],
         pass_fds=[reading],
         stdin=subprocess.DEVNULL,
         # Who reads what the run says until its end need not wait for this process's.
@@ -71,8 +60,8 @@ def keep_warm(jobs: int) -> None:
     os.environ[warm.VARIABLE] = address
 
 
-def main(address: str, run_ends: int) -> None:
-    """Import, then fork jobs until ``run_ends``, a pipe, has no writer any more."""
+def serve(main: Callable[[list[str]], int], address: str, run_ends: int) -> None:
+    """Import, then fork jobs until ``run_ends``, a pipe, has no writer any more; ``main`` is the command line."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which tells by ending
     for step in preparation():
         if select.select([run_ends], [], [], 0)[0]:
@@ -86,51 +75,28 @@ def main(address: str, run_ends: int) -> None:
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(f"\0{address}")
         listening.listen(64)
-        Server(listening, run_ends).serve()
+        Server(main, listening, run_ends).serve()
 
 
 def preparation() -> list[Callable[[], object]]:
     """Return what is done before any job: import what stages need, and let libraries do what they first do."""
-    cli.set_threads(1)
-    stages = [f"vibraverse.stages.{name}" for name in cli.STAGES]
-    families = {family.module for family in FAMILIES.values()}
-    imports = [partial(importlib.import_module, name) for name in (*stages, *sorted(families), *_LIBRARIES)]
-    return [*imports, _load_compiled_loops, _load_solver, _load_renderer]
+    set_threads(1)
+    stages = [f"vibraverse.stages.{step.name}" for step in STEPS]
+    imported = dict.fromkeys(name for step in STEPS for name in step.imports)
+    imports = [partial(importlib.import_module, name) for name in (*stages, *imported)]
+    return [*imports, *(partial(_prepare, name) for name in stages)]
 
 
-def _load_compiled_loops() -> None:
-    """Use each loop on a tetrahedron: Numba loads it from its cache when it is first called."""
-    import numpy as np
-
-    from vibraverse.geometry.cleaning.clean import clean
-    from vibraverse.geometry.distance.field import grid_distance
-
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    body = clean(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
-    grid_distance(body.vertices, body.faces, *[np.linspace(-0.9, 0.9, 8)] * 3)
-
-
-def _load_solver() -> None:
-    """Solve a small system: MKL loads the loops of this processor when it first works."""
-    from vibraverse.physics.factorisation import load
-
-    load()
-
-
-def _load_renderer() -> None:
-    """Load what draws, and with it a compiler, and what writes. Nothing is drawn: that would start threads."""
-    from PIL import Image
-
-    from vibraverse.media.images import choose_window
-
-    Image.preinit()
-    choose_window()
+def _prepare(stage: str) -> None:
+    """Let a stage's libraries do what they first do."""
+    getattr(sys.modules[stage], "prepare", lambda: None)()
 
 
 class Server:
     """Forks a job for every command that connects, until ``run_ends`` tells that the run is over and no job is left."""
 
-    def __init__(self, listening: socket.socket, run_ends: int):
+    def __init__(self, main: Callable[[list[str]], int], listening: socket.socket, run_ends: int):
+        self._main = main
         self._listening, self._run_ends = listening, run_ends
         self._identity = warm.identity()
         self._poll = select.poll()
@@ -178,7 +144,7 @@ class Server:
             try:
                 die_with(server)
                 self._close()
-                status = _work(connection, self._identity)
+                status = _work(self._main, connection, self._identity)
             finally:
                 os._exit(status)
         watched = os.pidfd_open(job)
@@ -212,7 +178,7 @@ class Server:
             os.close(watched)
 
 
-def _work(connection: socket.socket, identity: list[str]) -> int:
+def _work(main: Callable[[list[str]], int], connection: socket.socket, identity: list[str]) -> int:
     """Do a command as its own process would; return its exit status."""
     with connection:
         head, files, _, _ = socket.recv_fds(connection, warm.LENGTH.size, 3)
@@ -221,8 +187,8 @@ def _work(connection: socket.socket, identity: list[str]) -> int:
         theirs, folder, mask, argv, environment = warm.understood(message)
     except ValueError:
         return warm.DECLINED
-    rounding = {name: environment.get(name, os.environ.get(name)) for name in cli.ROUNDING}
-    if theirs != identity or rounding != {name: os.environ.get(name) for name in cli.ROUNDING}:
+    rounding = {name: environment.get(name, os.environ.get(name)) for name in ROUNDING}
+    if theirs != identity or rounding != {name: os.environ.get(name) for name in ROUNDING}:
         return warm.DECLINED
     for number, file in enumerate(files):
         os.dup2(file, number)
@@ -237,7 +203,7 @@ def _work(connection: socket.socket, identity: list[str]) -> int:
     tempfile.tempdir = None  # to be looked up in this environment
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
-        status = cli.main(argv)
+        status = main(argv)
     except SystemExit as end:
         status = end.code if isinstance(end.code, int) else 0 if end.code is None else 1
     except BaseException:
@@ -246,7 +212,3 @@ def _work(connection: socket.socket, identity: list[str]) -> int:
     sys.stdout.flush()
     sys.stderr.flush()
     return status
-
-
-if __name__ == "__main__":
-    main(sys.argv[1], int(sys.argv[2]))

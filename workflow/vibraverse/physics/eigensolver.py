@@ -24,7 +24,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.physics.columns import fix_signs, orthonormalise, project, residuals
 from vibraverse.physics.elasticity import Operators, rigid_modes
 from vibraverse.physics.factorisation import factorise

@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy.sparse as sp
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 
 if TYPE_CHECKING:
     from skfem import MeshTet

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
+from vibraverse.contract.errors import Refused
 from vibraverse.contract.limits import out_of_memory
-from vibraverse.contract.refusal import Refused
 
 #: PARDISO's phases and errors.
 _ANALYSE_AND_FACTORISE, _FACTORISE, _SOLVE, _SOLVE_BACKWARD = 12, 22, 33, 333

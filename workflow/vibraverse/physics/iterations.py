@@ -14,7 +14,7 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.physics.columns import Columns, clear, combine, orthonormalise, product, rayleigh_ritz
 from vibraverse.physics.elasticity import rigid_modes
 

@@ -14,10 +14,10 @@ from vibraverse import __version__
 from vibraverse.contract.refusal import REASONS
 from vibraverse.dataset.read.reader import Reader
 from vibraverse.dataset.split.assignment import emptiness
+from vibraverse.flow.steps import VERSIONS
 from vibraverse.geometry.meshing.cautions import KINDS
 from vibraverse.report import quantities
 from vibraverse.report.content import Card, card
-from vibraverse.stages import VERSIONS
 from vibraverse.validation import plot
 
 #: The look shown first, where there is one.

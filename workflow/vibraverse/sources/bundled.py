@@ -10,7 +10,7 @@ import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 
 
 @dataclass(frozen=True)

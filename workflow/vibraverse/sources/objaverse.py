@@ -14,7 +14,8 @@ import zlib
 from dataclasses import dataclass
 from pathlib import Path
 
-from vibraverse.contract.refusal import Refused, said
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import said
 
 #: The licence codes of Sketchfab, from which the models come -> SPDX identifiers.
 LICENCES = {

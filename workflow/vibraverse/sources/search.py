@@ -15,7 +15,8 @@ from collections import defaultdict
 from pathlib import Path
 from typing import BinaryIO
 
-from vibraverse.contract.refusal import Refused, said
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import said
 from vibraverse.contract.seeds import stable_hash
 from vibraverse.files.formats.bounds import MAX_BYTES, TooLarge
 

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from vibraverse.config.media import Audio, split_sound
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.config.media import split_sound
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
     """Write a sound per material and struck point; the file's stem says of which material, and struck where."""
     import h5py
 
-    from vibraverse.cli import UsageError
+    from vibraverse.contract.errors import UsageError
     from vibraverse.files.modes import read_mode_shapes, read_spectrum
     from vibraverse.media import audio
     from vibraverse.physics.impulse import impact_sound
@@ -69,7 +69,7 @@ def _strikes(job: Job) -> list[tuple]:
     """Return every struck point and how the surface moves there."""
     import h5py
 
-    from vibraverse.cli import UsageError
+    from vibraverse.contract.errors import UsageError
     from vibraverse.contract.products import read_provenance, sha256
     from vibraverse.files.modes import read_surface
     from vibraverse.physics.impulse import contact
@@ -89,22 +89,3 @@ def _strikes(job: Job) -> list[tuple]:
         surface = basis["surface/vertices"][()], basis["surface/faces"][()]
         struck = [contact(*surface, point) for point in job.options.points]
         return [(each, read_surface(basis, each.corners)) for each in struck]
-
-
-STAGE = Stage(
-    name="audio",
-    help="render the impact sounds",
-    inputs={
-        "basis": "basis.h5: the surface that is struck, where points are",
-        "modes": "modes.h5: frequencies and damping of every material",
-    },
-    outputs={
-        "sounds": "folder for MATERIAL.wav, MATERIAL-pK.wav (struck point K) and audio.json: gains, durations, counts"
-    },
-    run=run,
-    options=Audio,
-    optional=frozenset({"basis"}),
-    folders={"sounds": "audio.json"},
-    libraries=("numpy", "scipy", "h5py", "soundfile"),
-    per_solidity=True,
-)

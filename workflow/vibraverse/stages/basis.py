@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from vibraverse.config.physics import Basis
 from vibraverse.contract.products import write_provenance
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -44,13 +43,8 @@ def run(job: Job) -> None:
     )
 
 
-STAGE = Stage(
-    name="basis",
-    help="Solve the free body's eigenproblem and find a basis for every Poisson's ratio.",
-    inputs={"tets": "tets.msh"},
-    outputs={"basis": "basis.h5"},
-    run=run,
-    options=Basis,
-    libraries=("numpy", "scipy", "scikit-fem", "pypardiso"),
-    per_solidity=True,
-)
+def prepare() -> None:
+    """Solve a small system: MKL loads the loops of this processor when it first works."""
+    from vibraverse.physics.factorisation import load
+
+    load()

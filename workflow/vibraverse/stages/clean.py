@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 
-from vibraverse.config.geometry import Clean
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -65,12 +64,13 @@ def run(job: Job) -> None:
     )
 
 
-STAGE = Stage(
-    name="clean",
-    help="make a closed, oriented, manifold surface in [-1, 1]³",
-    inputs={"mesh": "the mesh as it came", "source_record": "where it came from (JSON)"},
-    outputs={"surface": "cleaned surface (PLY)", "record": "what was repaired, and the scale (JSON)"},
-    run=run,
-    options=Clean,
-    libraries=("manifold3d", "numba", "numpy", "pymeshlab", "scipy", "vtk"),
-)
+def prepare() -> None:
+    """Use each compiled loop on a tetrahedron: Numba loads it from its cache when it is first called."""
+    import numpy as np
+
+    from vibraverse.geometry.cleaning.clean import clean
+    from vibraverse.geometry.distance.field import grid_distance
+
+    corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    body = clean(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
+    grid_distance(body.vertices, body.faces, *[np.linspace(-0.9, 0.9, 8)] * 3)

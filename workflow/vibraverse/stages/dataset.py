@@ -6,17 +6,16 @@ rule lists them as its inputs for Snakemake's sake.
 
 from __future__ import annotations
 
-from vibraverse.config.dataset import ShardOptions
 from vibraverse.contract import products
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
     """Write every object's group, then what the shard says about itself."""
     import h5py
 
-    from vibraverse.cli import UsageError
-    from vibraverse.commands import advised
+    from vibraverse.contract.errors import UsageError
+    from vibraverse.contract.texts import advised
     from vibraverse.dataset.write.pack import finish, pack_object
     from vibraverse.flow.paths import Paths
 
@@ -36,16 +35,3 @@ def run(job: Job) -> None:
             ) from None
         finish(h5, packed)
         products.write_provenance(h5, job.provenance())
-
-
-STAGE = Stage(
-    name="dataset",
-    help="pack objects into one HDF5 shard",
-    inputs={},
-    outputs={"shard": "the shard (HDF5)"},
-    run=run,
-    options=ShardOptions,
-    libraries=("numpy", "h5py", "meshio", "soundfile"),
-    per_object=False,
-    passes_refusals=False,
-)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.config.geometry import Grids
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -49,14 +48,3 @@ def write_obj(path, vertices, faces) -> None:
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices.tolist()]
     lines += [f"f {a} {b} {c}" for a, b, c in (faces + 1).tolist()]
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
-
-
-STAGE = Stage(
-    name="grids",
-    help="voxelise the surface and measure the signed distance",
-    inputs={"surface": "cleaned surface (PLY)"},
-    outputs={"grids": "occupancy and signed distance (HDF5)", "coarse": "box mesh of the occupancy (OBJ)"},
-    run=run,
-    options=Grids,
-    libraries=("h5py", "numba", "numpy", "open3d"),
-)

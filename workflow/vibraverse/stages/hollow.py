@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.config.geometry import Hollow
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -50,17 +49,3 @@ def run(job: Job) -> None:
             "volume": surfaces.volume(body.vertices, body.faces),
         }
     )
-
-
-STAGE = Stage(
-    name="hollow",
-    help="take the inside out of the body",
-    inputs={"surface": "cleaned surface (PLY)", "grids": "its signed distance (HDF5)"},
-    outputs={
-        "hollow_surface": "outside and cavity surfaces (PLY)",
-        "record": "thickness and cavities (JSON)",
-    },
-    run=run,
-    options=Hollow,
-    libraries=("h5py", "manifold3d", "mmgpy", "numba", "numpy", "scipy", "vtk"),
-)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.config.media import Images
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -43,15 +42,11 @@ def run(job: Job) -> None:
     )
 
 
-STAGE = Stage(
-    name="images",
-    help="render views of the outside",
-    inputs={"surface": "surface.ply: the closed, normalised surface"},
-    outputs={
-        "views": "folder for LOOK-VIEW.png, for instance clay-00.png, and images.json: directions, looks and camera"
-    },
-    run=run,
-    options=Images,
-    folders={"views": "images.json"},
-    libraries=("numpy", "pyvista", "vtk", "pillow", "meshio"),
-)
+def prepare() -> None:
+    """Load what draws, and with it a compiler, and what writes. Nothing is drawn: that would start threads."""
+    from PIL import Image
+
+    from vibraverse.media.images import choose_window
+
+    Image.preinit()
+    choose_window()

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-from vibraverse.config.dataset import IndexOptions
 from vibraverse.contract import products
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 from vibraverse.contract.texts import unknown
 
 
 def run(job: Job) -> None:
     """Join the shards' rows, and count."""
-    from vibraverse.cli import UsageError
+    from vibraverse.contract.errors import UsageError
     from vibraverse.dataset.publish.card import card, overview
     from vibraverse.dataset.publish.croissant import croissant
     from vibraverse.dataset.read.reader import Reader
-    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
+    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS, SPLIT_COLUMNS
     from vibraverse.dataset.schema.tables import to_tsv
-    from vibraverse.dataset.split.assignment import SPLIT_COLUMNS
     from vibraverse.dataset.write.parquet import write_parquet
     from vibraverse.dataset.write.summary import summary
 
@@ -60,7 +58,7 @@ def run(job: Job) -> None:
 
 def _splits(job: Job, reader):
     """Return the split of every object, by the hash of its id and by its copies."""
-    from vibraverse.cli import UsageError
+    from vibraverse.contract.errors import UsageError
     from vibraverse.dataset.read.reader import read_splits
     from vibraverse.dataset.split.assignment import assign
     from vibraverse.dataset.split.copies import fingerprints_of, groups
@@ -82,33 +80,3 @@ def _splits(job: Job, reader):
 def _facts(path) -> dict:
     """Return the checksum and the size of a file."""
     return {"sha256": products.sha256(path), "bytes": path.stat().st_size}
-
-
-STAGE = Stage(
-    name="index",
-    help="write the dataset's index, refusals and record",
-    inputs={
-        "shards": "all shards (HDF5)",
-        "kept": "splits.tsv of an earlier dataset, to keep its splits",
-        "resolved": "configuration of the run, with every default filled in",
-    },
-    outputs={
-        "index": "index.tsv: one row per object, solidity and material",
-        "parquet": "index.parquet: the same rows",
-        "splits": "splits.tsv: one row per object, with the object whose copy it is",
-        "refusals": "refusals.tsv: one row per refused object or body",
-        "card": "README.md: counts, sources, licences, ranges, limits, how to cite and to rebuild",
-        "overview": "overview.png: some of the objects",
-        "croissant": "croissant.json: the metadata dataset searches read",
-        "record": "dataset.json: counts, materials, ranges, versions, checksums",
-        "config": "config.yaml: that configuration, beside the dataset",
-        "sums": "SHA256SUMS: checksums of all files, for `sha256sum -c`",
-    },
-    run=run,
-    options=IndexOptions,
-    many=frozenset({"shards"}),
-    optional=frozenset({"kept", "resolved", "config"}),
-    libraries=("numpy", "h5py", "pillow", "pyarrow", "scipy"),
-    per_object=False,
-    passes_refusals=False,
-)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from vibraverse.config.physics import MaterialModes
 from vibraverse.contract.products import read_json, write_provenance
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 from vibraverse.geometry import LONGEST_SIDE
 
 _UNITS = {
@@ -131,15 +131,3 @@ def _solved(job: Job, basis, material: dict, scale_m: float):
             max_error=0.1 * options.tolerance,
         )
     return solve_material(direct, material, scale_m, options.modes, options.corrected), direct
-
-
-STAGE = Stage(
-    name="modes",
-    help="Solve the reduced problem of every material: frequencies, damping and mode shapes.",
-    inputs={"basis": "basis.h5", "tets": "tets.msh", "clean_record": "clean.json, for the object's size"},
-    outputs={"modes": "modes.h5"},
-    run=run,
-    options=MaterialModes,
-    libraries=("numpy", "scipy"),
-    per_solidity=True,
-)

@@ -10,9 +10,8 @@ import hashlib
 import shutil
 from pathlib import Path
 
-from vibraverse.config.dataset import Report
 from vibraverse.contract import products
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -52,24 +51,3 @@ def write_assets(parent: Path, assets: dict[str, bytes]) -> str:
         if other != final:
             shutil.rmtree(other)
     return final.name
-
-
-STAGE = Stage(
-    name="report",
-    help="write the page people open",
-    inputs={
-        "index": "index.tsv",
-        "refusals": "refusals.tsv",
-        "record": "dataset.json",
-        "shards": "all shards (HDF5)",
-        "validation": "validation.json, where the validation was run",
-    },
-    outputs={"page": "index.html; its pictures and sounds go to assets/ beside it"},
-    run=run,
-    options=Report,
-    many=frozenset({"shards"}),
-    optional=frozenset({"validation"}),
-    libraries=("jinja2", "matplotlib", "numpy", "h5py", "soundfile"),
-    per_object=False,
-    passes_refusals=False,
-)

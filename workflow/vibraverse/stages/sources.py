@@ -5,9 +5,8 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-from vibraverse.config.sources import SourceEntry
-from vibraverse.contract.refusal import Refused
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -104,13 +103,12 @@ def _objaverse(job: Job) -> dict:
 
 _ORIGINS = {"generated": _generated, "bundled": _bundled, "files": _files, "objaverse": _objaverse}
 
-STAGE = Stage(
-    name="sources",
-    help="Fetch or generate one object's mesh, with where it came from.",
-    inputs={"file": "a mesh file of your own (origin files only)"},
-    outputs={"mesh": "the mesh as it came (source.mesh)", "record": "where it came from (source.json)"},
-    run=run,
-    options=SourceEntry,
-    optional=frozenset({"file"}),
-    libraries=("manifold3d", "mmgpy", "numpy"),
-)
+
+def prepare() -> None:
+    """Import the families' modules, which the table of families names."""
+    import importlib
+
+    from vibraverse.sources.families import FAMILIES
+
+    for module in {family.module for family in FAMILIES.values()}:
+        importlib.import_module(module)

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.config.geometry import Tets
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -28,15 +27,3 @@ def run(job: Job) -> None:
             "warnings": mesh.warnings,
         }
     )
-
-
-STAGE = Stage(
-    name="tets",
-    help="fill a surface with tetrahedra",
-    inputs={"surface": "closed boundary surface of the body (PLY)"},
-    outputs={"tets": "tetrahedra (gmsh .msh)", "record": "counts, volume and quality (JSON)"},
-    run=run,
-    options=Tets,
-    libraries=("gmsh", "meshio", "mmgpy", "numba", "pymeshlab", "vtk"),
-    per_solidity=True,
-)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from vibraverse.contract.products import write_provenance
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -22,13 +22,3 @@ def run(job: Job) -> None:
             group.create_dataset("cells", data=mesh.cells).attrs["unit"] = "index into points"
         write_provenance(h5, job.provenance())
     print(f"meshes of {', '.join(str(len(mesh.cells)) for mesh in made)} tetrahedra")
-
-
-STAGE = Stage(
-    name="validation_meshes",
-    help="mesh a body whose frequencies are known, coarse to fine",
-    inputs={},
-    outputs={"meshes": "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"},
-    run=run,
-    libraries=("gmsh", "h5py", "manifold3d", "mmgpy", "numba", "numpy", "scipy", "vtk"),
-)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -20,13 +20,3 @@ def run(job: Job) -> None:
     print(
         f"{len(rows)} comparisons, {sum(row['verdict'] == 'missed' for row in rows)} outside their tolerance"
     )
-
-
-STAGE = Stage(
-    name="validation_modes",
-    help="compare a body's frequencies with those it must have",
-    inputs={"meshes": "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"},
-    outputs={"record": "every frequency beside its reference (JSON)"},
-    run=run,
-    libraries=("h5py", "numpy", "scipy", "scikit-fem", "pypardiso"),
-)

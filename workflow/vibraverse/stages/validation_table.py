@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from vibraverse.contract import products
 from vibraverse.contract.refusal import read_refusal
-from vibraverse.contract.stage import Job, Stage
+from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
@@ -31,20 +31,3 @@ def run(job: Job) -> None:
     job.outputs["table"].write_text(to_tsv(table.tsv_rows(rows), table.COLUMNS), encoding="utf-8")
     job.outputs["plot"].write_text(plot.svg(bodies), encoding="utf-8")
     job.write_record({"missed": missed, "bodies": bodies, "rows": rows})
-
-
-STAGE = Stage(
-    name="validation_table",
-    help="join the comparisons of all bodies, and plot them",
-    inputs={"comparisons": "comparisons of all bodies (JSON)"},
-    outputs={
-        "table": "every comparison (TSV)",
-        "record": "the same with summaries, convergence and what is missed (JSON)",
-        "plot": "errors against unknowns (SVG)",
-    },
-    run=run,
-    many=frozenset({"comparisons"}),
-    libraries=("matplotlib", "numpy"),
-    per_object=False,
-    passes_refusals=False,
-)

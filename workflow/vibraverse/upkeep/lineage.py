@@ -11,64 +11,11 @@ import shlex
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from types import SimpleNamespace
 
 from vibraverse.contract import products
+from vibraverse.contract.step import Step, option
 from vibraverse.flow.paths import SOLIDITIES, Paths
-
-
-@dataclass(frozen=True, eq=False)
-class Step:
-    """A stage of an object's chain: its arguments and the patterns that they mean (names in :class:`Paths`).
-
-    ``states`` is what states the provenance: an output, or a file in one that is a folder. ``of_body`` tells whether
-    there is one job per body.
-    """
-
-    stage: str
-    inputs: dict[str, str]
-    outputs: dict[str, str]
-    states: str
-    of_body: bool = False
-    solidities: tuple[str, ...] = ("",)
-
-
-def _body(stage: str, inputs: dict, outputs: dict, states: str) -> Step:
-    return Step(stage, inputs, outputs, states, True, SOLIDITIES)
-
-
-#: The stages of an object, in the order of the chain.
-STEPS = (
-    Step("sources", {}, {"mesh": "source_mesh", "record": "source_record"}, "source_record"),
-    Step(
-        "clean",
-        {"mesh": "source_mesh", "source_record": "source_record"},
-        {"surface": "surface", "record": "clean_record"},
-        "clean_record",
-    ),
-    Step("grids", {"surface": "surface"}, {"grids": "grids", "coarse": "coarse"}, "grids"),
-    Step("images", {"surface": "surface"}, {"views": "views"}, "images_record"),
-    Step(
-        "hollow",
-        {"surface": "surface", "grids": "grids"},
-        {"hollow_surface": "hollow_surface", "record": "hollow_record"},
-        "hollow_record",
-    ),
-    _body("tets", {"surface": "boundary"}, {"tets": "tets", "record": "tets_record"}, "tets_record"),
-    _body("basis", {"tets": "tets"}, {"basis": "basis"}, "basis"),
-    _body("modes", {"basis": "basis", "tets": "tets", "clean_record": "clean_record"}, {"modes": "modes"}, "modes"),
-    _body("audio", {"basis": "basis", "modes": "modes"}, {"sounds": "sounds"}, "audio_record"),
-)  # fmt: skip
-
-
-#: Where a shard holds the records of stages, in an object's group.
-_PACKED = {
-    "sources": "source",
-    "clean": "clean",
-    "hollow": "hollow/cavity",
-    "tets": "{solidity}/tets/record",
-    "audio": "{solidity}/audio",
-}
+from vibraverse.flow.steps import CHAIN
 
 
 @dataclass(frozen=True)
@@ -85,18 +32,15 @@ class Made:
     stated: str = ""
 
     def __str__(self) -> str:
-        return f"{self.step.stage} of {self.object}{f' ({self.solidity})' if self.solidity else ''}"
+        return f"{self.step.name} of {self.object}{f' ({self.solidity})' if self.solidity else ''}"
 
     def input(self, name: str) -> Path:
         """Return the path of an input."""
-        pattern = getattr(self.paths, self.step.inputs[name])
-        if callable(pattern):
-            pattern = pattern(SimpleNamespace(solidity=self.solidity))
-        return Path(self.paths.at(pattern, object=self.object, solidity=self.solidity))
+        return self._at(self.step.inputs[name].pattern)
 
     def place(self, name: str) -> Path:
         """Return the path of an output, a file or a folder."""
-        return self._at(self.step.outputs[name])
+        return self._at(self.step.outputs[name].pattern)
 
     def output(self, name: str) -> list[Path]:
         """Return the files of an output: itself, or those of a folder, as its record says or as they lie there."""
@@ -120,10 +64,10 @@ class Made:
     @property
     def record(self) -> Path:
         """The file that states the provenance."""
-        return self._at(self.step.states)
+        return self.step.outputs[self.step.record].record_in(self.place(self.step.record))
 
-    def _at(self, name: str) -> Path:
-        return Path(self.paths.at(getattr(self.paths, name), object=self.object, solidity=self.solidity))
+    def _at(self, pattern: str) -> Path:
+        return Path(self.paths.named(pattern, object=self.object, solidity=self.solidity))
 
     @cached_property
     def content(self) -> dict:
@@ -147,14 +91,14 @@ class Made:
 
     def command(self) -> str:
         """Return the command that makes the outputs again, from the options that the record states."""
-        words = ["vibraverse", self.step.stage, "--object", self.object]
-        words += ["--solidity", self.solidity] if self.step.of_body else []
+        words = ["vibraverse", self.step.name, "--object", self.object]
+        words += ["--solidity", self.solidity] if self.solidity else []
         words += [f"--file={file}" for file in self._file()]
-        stated = self.provenance.get("input_sha256", self.step.inputs)
-        for name in self.step.inputs:
-            words += [_option(name), str(self.input(name))] if name in stated else []
+        stated = self.provenance.get("input_sha256", self.step.chained)
+        for name in self.step.chained:
+            words += [option(name), str(self.input(name))] if name in stated else []
         for name in self.step.outputs:
-            words += [_option(name), str(self.place(name))]
+            words += [option(name), str(self.place(name))]
         options = self.provenance.get("options") or {}
         return shlex.join([*words, "--options", json.dumps(options, ensure_ascii=False)])
 
@@ -175,7 +119,7 @@ def logged(log: str | Path, option: str) -> list[str]:
 
 def jobs(paths: Paths, object_id: str) -> list[Made]:
     """Return every job of an object, in the order of the chain."""
-    return [Made(paths, step, object_id, solidity) for step in STEPS for solidity in step.solidities]
+    return [Made(paths, step, object_id, solidity) for step in CHAIN for solidity in step.bodies(SOLIDITIES)]
 
 
 def packed_jobs(paths: Paths, object_id: str, group, making: dict) -> list[Made]:
@@ -185,14 +129,14 @@ def packed_jobs(paths: Paths, object_id: str, group, making: dict) -> list[Made]
     """
     found = []
     for made in jobs(paths, object_id):
-        body = made.solidity or ("hollow" if made.step.stage == "hollow" else "")
+        body = made.solidity or made.step.only
         if body and (body not in group or "refusal_reason" in group[body].attrs):
             continue
-        place = _PACKED.get(made.step.stage, "").format(solidity=made.solidity)
-        if place in group:
+        place = made.step.packed.format(solidity=made.solidity)
+        if place and place in group:
             stated = group[place].asstr()[()]
-        elif made.step.stage in making:
-            stated = json.dumps({"provenance": {"stage": made.step.stage, **making[made.step.stage]}})
+        elif made.step.name in making:
+            stated = json.dumps({"provenance": {"stage": made.step.name, **making[made.step.name]}})
         else:
             continue
         found.append(Made(paths, made.step, object_id, made.solidity, stated))
@@ -215,21 +159,24 @@ def chain(last: list[Made]) -> list[Made]:
         while waiting:
             made = waiting.pop()
             needed.add(made)
-            inputs = (made_by.get(made.input(name)) for name in made.step.inputs)
+            inputs = (made_by.get(made.input(name)) for name in made.step.chained)
             waiting += [before for before in inputs if before is not None and before not in needed]
         wanted += [made for made in known if made in needed]
     return wanted
+
+
+def needed(paths: Paths, object_id: str, solidity: str, last: str) -> list[Made]:
+    """Return the jobs that the stage ``last`` of one body needs, and it, first things first."""
+    return chain(
+        [made for made in jobs(paths, object_id) if (made.step.name, made.solidity) == (last, solidity)]
+    )
 
 
 def after(first: Made) -> list[Made]:
     """Return a job and all that come after it in the chain of its object."""
     touched, files = [first], set(first.outputs)
     for made in jobs(first.paths, first.object):
-        if made != first and files & {made.input(name) for name in made.step.inputs}:
+        if made != first and files & {made.input(name) for name in made.step.chained}:
             touched.append(made)
             files |= set(made.outputs)
     return touched
-
-
-def _option(name: str) -> str:
-    return f"--{name.replace('_', '-')}"

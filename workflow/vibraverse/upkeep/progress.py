@@ -17,8 +17,9 @@ from vibraverse.contract.refusal import is_refusal
 from vibraverse.flow import targets
 from vibraverse.flow.chain import refusals_of
 from vibraverse.flow.plan import Plan
+from vibraverse.flow.steps import CHAIN
 from vibraverse.machine import locks
-from vibraverse.upkeep.lineage import STEPS, Made, jobs
+from vibraverse.upkeep.lineage import Made, jobs
 
 #: Benchmark files of a stage that are read for its mean time.
 _SAMPLED = 40
@@ -69,7 +70,7 @@ class Survey:
     in_part: int = 0
     body_by_body: int = 0
     works: list[Work] = field(default_factory=list)
-    jobs: dict[str, Counter] = field(default_factory=lambda: {step.stage: Counter() for step in STEPS})
+    jobs: dict[str, Counter] = field(default_factory=lambda: {step.name: Counter() for step in CHAIN})
     refusals: list[dict] = field(default_factory=list)
     stopped: list[str] = field(default_factory=list)
     strangers: int = 0
@@ -166,16 +167,16 @@ def _kinds(plan: Plan) -> list[Kind]:
     found: dict[str, Kind] = {}  # by the files it makes
     kinds = []
     for made in jobs(plan.paths, _ANY):
-        if made.solidity not in ("", *asked) or (made.step.stage == "hollow" and "hollow" not in asked):
+        if made.solidity not in ("", *asked) or made.step.only not in ("", *asked):
             continue
         paths = [
             str(Path(plan.paths.at(pattern, object=_ANY, solidity=made.solidity)))
-            for name in made.step.outputs.values()
-            for pattern in several.get(name, [getattr(plan.paths, name)])
+            for output in made.step.outputs.values()
+            for pattern in several.get(output.pattern, [getattr(plan.paths, output.pattern)])
         ]
-        inputs = {str(made.input(name)) for name in made.step.inputs}
+        inputs = {str(made.input(name)) for name in made.step.chained}
         kind = Kind(
-            made.step.stage,
+            made.step.name,
             made.solidity,
             [os.path.split(os.path.relpath(path, folder)) for path in paths],
             os.path.relpath(made.record, folder),
@@ -190,8 +191,7 @@ def _kinds(plan: Plan) -> list[Kind]:
 
 def _written(pattern: Callable, plan: Plan, made: Made) -> str:
     """Return the path of what Snakemake writes about a job: its log or its benchmark."""
-    wildcards = ("object", "solidity") if made.step.of_body else ("object",)
-    return plan.paths.at(pattern(made.step.stage, *wildcards), object=_ANY, solidity=made.solidity)
+    return plan.paths.at(pattern(made.step.name, *made.step.wildcards), object=_ANY, solidity=made.solidity)
 
 
 def _benchmarks(plan: Plan, object_id: str) -> str:

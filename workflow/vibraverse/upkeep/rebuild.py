@@ -17,6 +17,7 @@ from vibraverse.contract import products
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.flow.chain import shards_in
 from vibraverse.flow.paths import Paths
+from vibraverse.flow.steps import BY_NAME
 from vibraverse.upkeep.lineage import Made, after, jobs, makers
 
 
@@ -38,9 +39,8 @@ def last_products(paths: Paths, shards: Iterable[Path]) -> list[Path]:
 
     Snakemake looks for what is asked for in the end, and makes nothing again before something of that is missing.
     """
-    tables = (paths.index, paths.index_parquet, paths.splits, paths.refusals, paths.dataset_record)
-    index = (*tables, paths.card, paths.overview, paths.croissant, paths.dataset_config)
-    made = (paths.report, paths.verdict, paths.dataset_sums, *index)
+    last = (*BY_NAME["report"].outputs.values(), *BY_NAME["index"].outputs.values())
+    made = (paths.verdict, *(getattr(paths, output.pattern) for output in last))
     return [path for path in (*map(Path, made), *shards) if path.is_file()]
 
 
@@ -92,11 +92,11 @@ def wrong_products(paths: Paths, object_id: str, packed: dict[str, str], packed_
             for path in made.output(name):
                 right = stated.get(path.name) if isinstance(stated, dict) else stated
                 if path.is_file() and right is not None and digest(path) != right:
-                    yield from report(made, path, f"it is not what {made.step.stage} wrote")
+                    yield from report(made, path, f"it is not what {made.step.name} wrote")
                 elif made.place(name).is_dir() and not path.is_file():
                     yield from report(made, path, "it is missing")
         for name, right in made.provenance.get("input_sha256", {}).items():
-            path = made.input(name) if name in made.step.inputs else None
+            path = made.input(name) if name in made.step.chained else None
             if path in made_by and _changed(path, right, made.record.stat().st_mtime, digest):
                 yield from report(made_by[path], path, f"it is not what {made} was made from")
     folder = Path(paths.at(paths.object, object=object_id))

@@ -14,8 +14,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from vibraverse.contract import products
+from vibraverse.contract.errors import Refused
 from vibraverse.contract.limits import run_limited
-from vibraverse.contract.refusal import Refused, said
+from vibraverse.contract.refusal import said
 from vibraverse.dataset.schema import INDEX_COLUMNS, NO_SHARD, REFUSAL_COLUMNS
 from vibraverse.dataset.schema.tables import to_tsv
 from vibraverse.flow.chain import shards_in

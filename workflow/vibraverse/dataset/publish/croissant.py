@@ -7,8 +7,7 @@ of the index and of the splits are record sets whose fields say their column, ty
 from __future__ import annotations
 
 from vibraverse.dataset.publish.card import cite, licences
-from vibraverse.dataset.schema import INDEX_COLUMNS
-from vibraverse.dataset.split.assignment import SPLIT_COLUMNS
+from vibraverse.dataset.schema import INDEX_COLUMNS, SPLIT_COLUMNS
 
 _CONTEXT = {
     "@language": "en",

@@ -16,8 +16,9 @@ from vibraverse.config.dataset import Dataset
 from vibraverse.contract import products
 from vibraverse.dataset import schema
 from vibraverse.dataset.read.reader import Reader, shards_at, splits_at
+from vibraverse.dataset.schema import SPLIT_COLUMNS
 from vibraverse.dataset.schema.tables import to_tsv
-from vibraverse.dataset.split.assignment import SPLIT_COLUMNS, Splits, assign
+from vibraverse.dataset.split.assignment import Splits, assign
 from vibraverse.dataset.split.copies import fingerprints_of, groups
 from vibraverse.dataset.write.making import VARIES, join
 

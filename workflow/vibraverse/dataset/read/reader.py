@@ -17,8 +17,8 @@ from vibraverse.contract.texts import unknown
 from vibraverse.dataset import schema
 from vibraverse.dataset.read.sampled import read_sampled, rows_of
 from vibraverse.dataset.read.shapes import Shapes
+from vibraverse.dataset.schema import SPLIT_COLUMNS
 from vibraverse.dataset.schema.tables import from_tsv
-from vibraverse.dataset.split.assignment import SPLIT_COLUMNS
 from vibraverse.physics.materials import sampled_number
 
 #: What a sample holds unless asked otherwise: what every task needs, small, and of one shape for all bodies.

@@ -11,7 +11,6 @@ from functools import cache
 
 from vibraverse.dataset.schema.fields import FIELDS, Field
 from vibraverse.dataset.schema.ranges import RANGES
-from vibraverse.dataset.split.assignment import SPLIT_COLUMNS
 
 #: Identifies a shard, and the version of this table.
 FORMAT = "vibraverse-shard"
@@ -59,6 +58,13 @@ INDEX_COLUMNS: dict[str, tuple[type, str]] = {
 
 #: What a shard knows of these: all but the split, which may depend on objects in other shards.
 SHARD_COLUMNS = {name: column for name, column in INDEX_COLUMNS.items() if name != "split"}
+
+#: Columns of ``splits.tsv``, one row per object: type and meaning.
+SPLIT_COLUMNS: dict[str, tuple[type, str]] = {
+    "object": (str, "the object's id"),
+    "split": (str, "its split"),
+    "copy_of": (str, "the object whose shape it shares and whose side it takes; empty for a shape's first"),
+}
 
 #: Columns of the refusals, one row per refused object or body: type and meaning.
 REFUSAL_COLUMNS: dict[str, tuple[type, str]] = {

@@ -16,16 +16,6 @@ from typing import NamedTuple
 
 from vibraverse.contract.seeds import stable_hash
 
-#: Instead of a slice: what is made of all shards, once the slices have made them.
-JOIN = "join"
-
-#: Columns of ``splits.tsv``, one row per object: type and meaning.
-SPLIT_COLUMNS: dict[str, tuple[type, str]] = {
-    "object": (str, "the object's id"),
-    "split": (str, "its split"),
-    "copy_of": (str, "the object whose shape it shares and whose side it takes; empty for a shape's first"),
-}
-
 
 class Splits(NamedTuple):
     """The split of every object, the first of its copies (or itself), and who did not stay where it was kept."""
@@ -51,28 +41,6 @@ class Splits(NamedTuple):
             "most_of_one_shape": max(sizes.values(), default=0),
             "not_kept": self.moved,
         }
-
-
-def shard_of(object_id: str, shards: int) -> int:
-    """Return the number of the object's shard, 0 ≤ number < ``shards``."""
-    return stable_hash(object_id, "shard") % shards
-
-
-def slice_numbers(text: str) -> tuple[int, int]:
-    """Return (i, n) of the slice ``i/n``, 1 ≤ i ≤ n; raise ``ValueError`` with a sentence for anything else."""
-    first, _, second = text.partition("/")
-    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
-        return int(first), int(second)
-    raise ValueError(f"{text!r} is neither '{JOIN}' nor a slice such as 3/50, the third of fifty")
-
-
-def shards_of_slice(text: str, shards: int) -> list[int]:
-    """Return the shards that the slice ``i/n`` makes: those whose number is i - 1 modulo n.
-
-    A shard belongs to one slice of n, whole, so slices neither share work nor leave any out.
-    """
-    number, slices = slice_numbers(text)
-    return list(range(number - 1, shards, slices))
 
 
 def split_of(object_id: str, splits: dict[str, float]) -> str:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.cleaning.judge import Sheet, Unfit, counted, judge
 from vibraverse.geometry.cleaning.ladder import RUNGS, SHEET_RUNGS, Climb, climb

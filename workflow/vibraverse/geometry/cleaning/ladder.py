@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.cleaning.attempt import Attempt, once
 from vibraverse.geometry.cleaning.judge import Scattered, Sheet, Unfit, counted, is_solid, judge, without_area

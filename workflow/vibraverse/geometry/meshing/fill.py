@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.geometry.surfaces import face_components, volume
 
 #: gmsh's numbers of its three-dimensional algorithms.

@@ -13,7 +13,7 @@ from itertools import product
 
 import numpy as np
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 from vibraverse.geometry import Mesh, surfaces
 from vibraverse.geometry.distance.sight import depth_below
 from vibraverse.geometry.meshing import quality

@@ -10,7 +10,7 @@ import importlib
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
-from vibraverse.contract.refusal import Refused
+from vibraverse.contract.errors import Refused
 
 if TYPE_CHECKING:
     import numpy as np

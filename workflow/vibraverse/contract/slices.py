@@ -1,0 +1,30 @@
+"""Which shard an object is in, and which shards a slice makes: stable hashes of ids, whatever else there is."""
+
+from __future__ import annotations
+
+from vibraverse.contract.seeds import stable_hash
+
+#: Instead of a slice: what is made of all shards, once the slices have made them.
+JOIN = "join"
+
+
+def shard_of(object_id: str, shards: int) -> int:
+    """Return the number of the object's shard, 0 ≤ number < ``shards``."""
+    return stable_hash(object_id, "shard") % shards
+
+
+def slice_numbers(text: str) -> tuple[int, int]:
+    """Return (i, n) of the slice ``i/n``, 1 ≤ i ≤ n; raise ``ValueError`` with a sentence for anything else."""
+    first, _, second = text.partition("/")
+    if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
+        return int(first), int(second)
+    raise ValueError(f"{text!r} is neither '{JOIN}' nor a slice such as 3/50, the third of fifty")
+
+
+def shards_of_slice(text: str, shards: int) -> list[int]:
+    """Return the shards that the slice ``i/n`` makes: those whose number is i - 1 modulo n.
+
+    A shard belongs to one slice of n, whole, so slices neither share work nor leave any out.
+    """
+    number, slices = slice_numbers(text)
+    return list(range(number - 1, shards, slices))

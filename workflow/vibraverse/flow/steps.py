@@ -1,0 +1,311 @@
+"""Every stage, said once: what it reads and writes, per what, in which environment, and its version.
+
+Rules say the same for Snakemake and its reader, and a test holds both together. Lineage, refusals, ``strike``,
+``provenance``, ``repair``, ``status``, the command line, the warm process and the check of the images derive from this
+table.
+"""
+
+from __future__ import annotations
+
+from vibraverse.contract.step import BODY, DATASET, KNOWN_BODY, OBJECT, SHARD, VALIDATION, Input, Output, Step
+
+_SCIPY = ("scipy.interpolate", "scipy.ndimage", "scipy.optimize")
+_VTK = ("vtkmodules.vtkFiltersCore", "vtkmodules.vtkInteractionWidgets", "vtkmodules.vtkViewsContext2D")
+
+#: All stages, in the order of the chain.
+STEPS = (
+    Step(
+        name="sources",
+        version=2,
+        help="fetch or generate one object's mesh, with where it came from",
+        per=OBJECT,
+        family="geometry",
+        inputs={"file": Input("", "a mesh file of your own (origin files only)", optional=True)},
+        outputs={
+            "mesh": Output("source_mesh", "the mesh as it came"),
+            "record": Output("source_record", "where it came from (JSON)"),
+        },
+        record="record",
+        options="sources:SourceEntry",
+        libraries=("manifold3d", "mmgpy", "numpy"),
+        imports=("vibraverse.files.meshes", "manifold3d", "mmgpy"),
+        packed="source",
+    ),
+    Step(
+        name="clean",
+        version=2,
+        help="make a closed, oriented, manifold surface in [-1, 1]³",
+        per=OBJECT,
+        family="geometry",
+        inputs={
+            "mesh": Input("source_mesh", "the mesh as it came"),
+            "source_record": Input("source_record", "where it came from (JSON)"),
+        },
+        outputs={
+            "surface": Output("surface", "cleaned surface (PLY)"),
+            "record": Output("clean_record", "what was repaired, and the scale (JSON)"),
+        },
+        record="record",
+        options="geometry:Clean",
+        libraries=("manifold3d", "numba", "numpy", "pymeshlab", "scipy", "vtk"),
+        imports=("vibraverse.geometry.cleaning.clean", "pymeshlab", *_SCIPY),
+        packed="clean",
+    ),
+    Step(
+        name="grids",
+        version=2,
+        help="voxelise the surface and measure the signed distance",
+        per=OBJECT,
+        family="geometry",
+        inputs={"surface": Input("surface", "cleaned surface (PLY)")},
+        outputs={
+            "grids": Output("grids", "occupancy and signed distance (HDF5)"),
+            "coarse": Output("coarse", "box mesh of the occupancy (OBJ)"),
+        },
+        record="grids",
+        options="geometry:Grids",
+        libraries=("h5py", "numba", "numpy", "open3d"),
+        imports=("vibraverse.geometry.grids", "vibraverse.geometry.distance.field", "h5py", "open3d"),
+    ),
+    Step(
+        name="hollow",
+        version=8,
+        help="take the inside out of the body",
+        per=OBJECT,
+        only="hollow",
+        family="geometry",
+        inputs={
+            "surface": Input("surface", "cleaned surface (PLY)"),
+            "grids": Input("grids", "its signed distance (HDF5)"),
+        },
+        outputs={
+            "hollow_surface": Output("hollow_surface", "outside and cavity surfaces (PLY)"),
+            "record": Output("hollow_record", "thickness and cavities (JSON)"),
+        },
+        record="record",
+        options="geometry:Hollow",
+        libraries=("h5py", "manifold3d", "mmgpy", "numba", "numpy", "scipy", "vtk"),
+        imports=("vibraverse.geometry.hollow", *_VTK),
+        packed="hollow/cavity",
+    ),
+    Step(
+        name="tets",
+        version=7,
+        help="fill a surface with tetrahedra",
+        per=BODY,
+        family="geometry",
+        inputs={"surface": Input("boundary", "closed boundary surface of the body (PLY)")},
+        outputs={
+            "tets": Output("tets", "tetrahedra (gmsh .msh)"),
+            "record": Output("tets_record", "counts, volume and quality (JSON)"),
+        },
+        record="record",
+        options="geometry:Tets",
+        libraries=("gmsh", "meshio", "mmgpy", "numba", "pymeshlab", "vtk"),
+        imports=("vibraverse.geometry.meshing.tets", "vibraverse.files.tets", "gmsh", "meshio"),
+        packed="{solidity}/tets/record",
+    ),
+    Step(
+        name="basis",
+        version=9,
+        help="solve for the material-independent modal basis",
+        per=BODY,
+        family="fem",
+        inputs={"tets": Input("tets", "tetrahedra (gmsh .msh)")},
+        outputs={"basis": Output("basis", "a basis for every Poisson's ratio (HDF5)")},
+        record="basis",
+        options="physics:Basis",
+        libraries=("numpy", "scipy", "scikit-fem", "pypardiso"),
+        imports=("vibraverse.physics.basis", "vibraverse.files.basis", "pypardiso", "skfem"),
+    ),
+    Step(
+        name="modes",
+        version=6,
+        help="frequencies, damping and mode shapes of every material",
+        per=BODY,
+        family="fem",
+        inputs={
+            "basis": Input("basis", "the modal basis (HDF5)"),
+            "tets": Input("tets", "tetrahedra (gmsh .msh), for materials that the basis does not serve"),
+            "clean_record": Input("clean_record", "clean.json, for the object's size"),
+        },
+        outputs={"modes": Output("modes", "frequencies, damping and mode shapes of every material (HDF5)")},
+        record="modes",
+        options="physics:MaterialModes",
+        libraries=("numpy", "scipy"),
+        imports=("vibraverse.physics.modes", "vibraverse.physics.shapes"),
+    ),
+    Step(
+        name="audio",
+        version=3,
+        help="render the impact sounds",
+        per=BODY,
+        family="fem",
+        inputs={
+            "basis": Input("basis", "the surface that is struck, where points are (HDF5)", optional=True),
+            "modes": Input("modes", "frequencies and damping of every material (HDF5)"),
+        },
+        outputs={
+            "sounds": Output(
+                "sounds",
+                "folder for MATERIAL.wav, MATERIAL-pK.wav (struck point K) and audio.json: gains, durations, counts",
+                record="audio.json",
+            )
+        },
+        record="sounds",
+        options="media:Audio",
+        libraries=("numpy", "scipy", "h5py", "soundfile"),
+        imports=(
+            "vibraverse.files.modes",
+            "vibraverse.media.audio",
+            "vibraverse.physics.impulse",
+            "soundfile",
+        ),
+        packed="{solidity}/audio",
+    ),
+    Step(
+        name="images",
+        version=2,
+        help="render views of the outside",
+        per=OBJECT,
+        family="render",
+        inputs={"surface": Input("surface", "cleaned surface (PLY)")},
+        outputs={
+            "views": Output(
+                "views",
+                "folder for LOOK-VIEW.png, for instance clay-00.png, and images.json: directions, looks and camera",
+                record="images.json",
+            )
+        },
+        record="views",
+        options="media:Images",
+        libraries=("numpy", "pyvista", "vtk", "pillow", "meshio"),
+        imports=("vibraverse.media.images", "pyvista.plotting"),
+    ),
+    Step(
+        name="dataset",
+        version=7,
+        help="pack objects into one HDF5 shard",
+        per=SHARD,
+        family="dataset",
+        inputs={},
+        outputs={"shard": Output("shard", "the shard (HDF5)")},
+        record="shard",
+        options="dataset:ShardOptions",
+        libraries=("numpy", "h5py", "meshio", "soundfile"),
+        passes_refusals=False,
+    ),
+    Step(
+        name="index",
+        version=6,
+        help="write the dataset's index, refusals and record",
+        per=DATASET,
+        family="dataset",
+        inputs={
+            "shards": Input("shard", "all shards (HDF5)", many=True),
+            "kept": Input("", "splits.tsv of an earlier dataset, to keep its splits", optional=True),
+            "resolved": Input(
+                "config", "configuration of the run, with every default filled in", optional=True
+            ),
+        },
+        outputs={
+            "index": Output("index", "index.tsv: one row per object, solidity and material"),
+            "parquet": Output("index_parquet", "index.parquet: the same rows"),
+            "splits": Output("splits", "splits.tsv: one row per object, with the object whose copy it is"),
+            "refusals": Output("refusals", "refusals.tsv: one row per refused object or body"),
+            "card": Output(
+                "card", "README.md: counts, sources, licences, ranges, limits, how to cite and to rebuild"
+            ),
+            "overview": Output("overview", "overview.png: some of the objects"),
+            "croissant": Output("croissant", "croissant.json: the metadata dataset searches read"),
+            "record": Output(
+                "dataset_record", "dataset.json: counts, materials, ranges, versions, checksums"
+            ),
+            "config": Output(
+                "dataset_config", "config.yaml: that configuration, beside the dataset", optional=True
+            ),
+            "sums": Output("dataset_sums", "SHA256SUMS: checksums of all files, for `sha256sum -c`"),
+        },
+        record="record",
+        options="dataset:IndexOptions",
+        libraries=("numpy", "h5py", "pillow", "pyarrow", "scipy"),
+        passes_refusals=False,
+    ),
+    Step(
+        name="report",
+        version=4,
+        help="write the page people open",
+        per=DATASET,
+        family="report",
+        inputs={
+            "index": Input("index", "index.tsv"),
+            "refusals": Input("refusals", "refusals.tsv"),
+            "record": Input("dataset_record", "dataset.json"),
+            "shards": Input("shard", "all shards (HDF5)", many=True),
+            "validation": Input(
+                "validation_record", "validation.json, where the validation was run", optional=True
+            ),
+        },
+        outputs={"page": Output("report", "index.html; its pictures and sounds go to assets/ beside it")},
+        options="dataset:Report",
+        libraries=("jinja2", "matplotlib", "numpy", "h5py", "soundfile"),
+        passes_refusals=False,
+    ),
+    Step(
+        name="validation_meshes",
+        version=3,
+        help="mesh a body whose frequencies are known, coarse to fine",
+        per=KNOWN_BODY,
+        family="geometry",
+        inputs={},
+        outputs={
+            "meshes": Output(
+                "validation_meshes", "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"
+            )
+        },
+        record="meshes",
+        libraries=("gmsh", "h5py", "manifold3d", "mmgpy", "numba", "numpy", "scipy", "vtk"),
+    ),
+    Step(
+        name="validation_modes",
+        version=1,
+        help="compare a body's frequencies with those it must have",
+        per=KNOWN_BODY,
+        family="fem",
+        inputs={
+            "meshes": Input(
+                "validation_meshes", "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"
+            )
+        },
+        outputs={"record": Output("validation_comparison", "every frequency beside its reference (JSON)")},
+        record="record",
+        libraries=("h5py", "numpy", "scipy", "scikit-fem", "pypardiso"),
+    ),
+    Step(
+        name="validation_table",
+        version=1,
+        help="join the comparisons of all bodies, and plot them",
+        per=VALIDATION,
+        family="report",
+        inputs={"comparisons": Input("validation_comparison", "comparisons of all bodies (JSON)", many=True)},
+        outputs={
+            "table": Output("validation_table", "every comparison (TSV)"),
+            "record": Output(
+                "validation_record", "the same with summaries, convergence and what is missed (JSON)"
+            ),
+            "plot": Output("validation_plot", "errors against unknowns (SVG)"),
+        },
+        record="record",
+        libraries=("matplotlib", "numpy"),
+        passes_refusals=False,
+    ),
+)
+
+#: Stages by name.
+BY_NAME = {step.name: step for step in STEPS}
+
+#: The stages that every object goes through, in the order of the chain.
+CHAIN = tuple(step for step in STEPS if step.per in (OBJECT, BODY))
+
+#: Version of each stage; every rule carries its stage's as a parameter.
+VERSIONS = {step.name: step.version for step in STEPS}
