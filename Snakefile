@@ -1,5 +1,6 @@
 # From a folder of meshes to a dataset and its report. Rules are contracts: each calls one `vibraverse` subcommand.
 import os
+from pathlib import Path
 
 from snakemake.utils import min_version
 
@@ -18,18 +19,14 @@ report: "workflow/report/workflow.rst"
 
 
 include: "workflow/rules/common.smk"
-include: "workflow/rules/sources.smk"
-include: "workflow/rules/clean.smk"
-include: "workflow/rules/grids.smk"
-include: "workflow/rules/hollow.smk"
-include: "workflow/rules/tets.smk"
-include: "workflow/rules/basis.smk"
-include: "workflow/rules/modes.smk"
-include: "workflow/rules/audio.smk"
-include: "workflow/rules/images.smk"
-include: "workflow/rules/dataset.smk"
-include: "workflow/rules/report.smk"
-include: "workflow/rules/validation.smk"
+
+
+for name in sorted(path.name for path in Path(workflow.basedir, "workflow/rules").glob("*.smk")):
+    if name not in ("common.smk", "preflight.smk"):
+
+        include: f"workflow/rules/{name}"
+
+
 include: "workflow/rules/preflight.smk"
 
 

@@ -1,4 +1,4 @@
-# One HDF5 shard from the products of its objects, then the index over all shards.
+# One HDF5 shard from the products of its objects.
 # A run that only joins takes the shards as they lie, so it plans no object's jobs.
 
 if not plan.joins:
@@ -30,58 +30,3 @@ if not plan.joins:
             "--shard {output.shard:q} "
             "--options {params.options:q} "
             "--threads {threads} > {log:q} 2>&1"
-
-
-rule index:
-    input:
-        shards=targets.shards(plan),
-        kept=targets.kept_splits(plan),
-    output:
-        index=paths.index,
-        parquet=paths.index_parquet,
-        splits=paths.splits,
-        refusals=paths.refusals,
-        record=paths.dataset_record,
-        card=paths.card,
-        overview=paths.overview,
-        croissant=paths.croissant,
-        config=paths.dataset_config,
-        sums=paths.dataset_sums,
-    log:
-        paths.log("index"),
-    benchmark:
-        paths.benchmark("index")
-    conda:
-        "../../envs/dataset.yaml"
-    container:
-        image("dataset")
-    threads: 1
-    resources:
-        mem_mb=memory("collect"),
-        runtime=minutes("collect"),
-    params:
-        options=plan.options("index"),
-        kept=targets.kept_splits_argument(plan),
-        # Written as the run starts; a rule's input would have to be there for `-n`, too.
-        resolved=paths.config,
-        configuration=text_sha256(plan.configuration()),
-        version=VERSIONS["index"],
-    message:
-        "index of the dataset"
-    shell:
-        "vibraverse index "
-        "--shards {input.shards:q} "
-        "{params.kept} "
-        "--index {output.index:q} "
-        "--parquet {output.parquet:q} "
-        "--splits {output.splits:q} "
-        "--refusals {output.refusals:q} "
-        "--record {output.record:q} "
-        "--card {output.card:q} "
-        "--overview {output.overview:q} "
-        "--croissant {output.croissant:q} "
-        "--resolved {params.resolved:q} "
-        "--config {output.config:q} "
-        "--sums {output.sums:q} "
-        "--options {params.options:q} "
-        "--threads {threads} > {log:q} 2>&1"

@@ -38,12 +38,13 @@ class Input:
 
 @dataclass(frozen=True)
 class Output:
-    """A product of a stage: what it holds, and the pattern of its path (an attribute of ``Paths``).
+    """A product of a stage: the name of its pattern in ``Paths``, its path below the results folder, what it holds.
 
-    A folder of files names the file in it that is its ``record``.
+    The path bears the wildcards of the step. A folder of files names the file in it that is its ``record``.
     """
 
     pattern: str
+    path: str
     help: str
     record: str = ""
     optional: bool = False

@@ -22,8 +22,8 @@ STEPS = (
         family="geometry",
         inputs={"file": Input("", "a mesh file of your own (origin files only)", optional=True)},
         outputs={
-            "mesh": Output("source_mesh", "the mesh as it came"),
-            "record": Output("source_record", "where it came from (JSON)"),
+            "mesh": Output("source_mesh", "objects/{object}/source.mesh", "the mesh as it came"),
+            "record": Output("source_record", "objects/{object}/source.json", "where it came from (JSON)"),
         },
         record="record",
         options="sources:SourceEntry",
@@ -42,8 +42,10 @@ STEPS = (
             "source_record": Input("source_record", "where it came from (JSON)"),
         },
         outputs={
-            "surface": Output("surface", "cleaned surface (PLY)"),
-            "record": Output("clean_record", "what was repaired, and the scale (JSON)"),
+            "surface": Output("surface", "objects/{object}/surface.ply", "cleaned surface (PLY)"),
+            "record": Output(
+                "clean_record", "objects/{object}/clean.json", "what was repaired, and the scale (JSON)"
+            ),
         },
         record="record",
         options="geometry:Clean",
@@ -59,8 +61,8 @@ STEPS = (
         family="geometry",
         inputs={"surface": Input("surface", "cleaned surface (PLY)")},
         outputs={
-            "grids": Output("grids", "occupancy and signed distance (HDF5)"),
-            "coarse": Output("coarse", "box mesh of the occupancy (OBJ)"),
+            "grids": Output("grids", "objects/{object}/grids.h5", "occupancy and signed distance (HDF5)"),
+            "coarse": Output("coarse", "objects/{object}/coarse.obj", "box mesh of the occupancy (OBJ)"),
         },
         record="grids",
         options="geometry:Grids",
@@ -79,8 +81,12 @@ STEPS = (
             "grids": Input("grids", "its signed distance (HDF5)"),
         },
         outputs={
-            "hollow_surface": Output("hollow_surface", "outside and cavity surfaces (PLY)"),
-            "record": Output("hollow_record", "thickness and cavities (JSON)"),
+            "hollow_surface": Output(
+                "hollow_surface", "objects/{object}/hollow/surface.ply", "outside and cavity surfaces (PLY)"
+            ),
+            "record": Output(
+                "hollow_record", "objects/{object}/hollow/hollow.json", "thickness and cavities (JSON)"
+            ),
         },
         record="record",
         options="geometry:Hollow",
@@ -96,8 +102,10 @@ STEPS = (
         family="geometry",
         inputs={"surface": Input("boundary", "closed boundary surface of the body (PLY)")},
         outputs={
-            "tets": Output("tets", "tetrahedra (gmsh .msh)"),
-            "record": Output("tets_record", "counts, volume and quality (JSON)"),
+            "tets": Output("tets", "objects/{object}/{solidity}/tets.msh", "tetrahedra (gmsh .msh)"),
+            "record": Output(
+                "tets_record", "objects/{object}/{solidity}/tets.json", "counts, volume and quality (JSON)"
+            ),
         },
         record="record",
         options="geometry:Tets",
@@ -112,7 +120,11 @@ STEPS = (
         per=BODY,
         family="fem",
         inputs={"tets": Input("tets", "tetrahedra (gmsh .msh)")},
-        outputs={"basis": Output("basis", "a basis for every Poisson's ratio (HDF5)")},
+        outputs={
+            "basis": Output(
+                "basis", "objects/{object}/{solidity}/basis.h5", "a basis for every Poisson's ratio (HDF5)"
+            )
+        },
         record="basis",
         options="physics:Basis",
         libraries=("numpy", "scipy", "scikit-fem", "pypardiso"),
@@ -129,7 +141,13 @@ STEPS = (
             "tets": Input("tets", "tetrahedra (gmsh .msh), for materials that the basis does not serve"),
             "clean_record": Input("clean_record", "clean.json, for the object's size"),
         },
-        outputs={"modes": Output("modes", "frequencies, damping and mode shapes of every material (HDF5)")},
+        outputs={
+            "modes": Output(
+                "modes",
+                "objects/{object}/{solidity}/modes.h5",
+                "frequencies, damping and mode shapes of every material (HDF5)",
+            )
+        },
         record="modes",
         options="physics:MaterialModes",
         libraries=("numpy", "scipy"),
@@ -148,6 +166,7 @@ STEPS = (
         outputs={
             "sounds": Output(
                 "sounds",
+                "objects/{object}/{solidity}/sounds",
                 "folder for MATERIAL.wav, MATERIAL-pK.wav (struck point K) and audio.json: gains, durations, counts",
                 record="audio.json",
             )
@@ -173,6 +192,7 @@ STEPS = (
         outputs={
             "views": Output(
                 "views",
+                "objects/{object}/views",
                 "folder for LOOK-VIEW.png, for instance clay-00.png, and images.json: directions, looks and camera",
                 record="images.json",
             )
@@ -189,7 +209,7 @@ STEPS = (
         per=SHARD,
         family="dataset",
         inputs={},
-        outputs={"shard": Output("shard", "the shard (HDF5)")},
+        outputs={"shard": Output("shard", "dataset/shards/{shard}.h5", "the shard (HDF5)")},
         record="shard",
         options="dataset:ShardOptions",
         libraries=("numpy", "h5py", "meshio", "soundfile"),
@@ -209,22 +229,41 @@ STEPS = (
             ),
         },
         outputs={
-            "index": Output("index", "index.tsv: one row per object, solidity and material"),
-            "parquet": Output("index_parquet", "index.parquet: the same rows"),
-            "splits": Output("splits", "splits.tsv: one row per object, with the object whose copy it is"),
-            "refusals": Output("refusals", "refusals.tsv: one row per refused object or body"),
-            "card": Output(
-                "card", "README.md: counts, sources, licences, ranges, limits, how to cite and to rebuild"
+            "index": Output(
+                "index", "dataset/index.tsv", "index.tsv: one row per object, solidity and material"
             ),
-            "overview": Output("overview", "overview.png: some of the objects"),
-            "croissant": Output("croissant", "croissant.json: the metadata dataset searches read"),
+            "parquet": Output("index_parquet", "dataset/index.parquet", "index.parquet: the same rows"),
+            "splits": Output(
+                "splits",
+                "dataset/splits.tsv",
+                "splits.tsv: one row per object, with the object whose copy it is",
+            ),
+            "refusals": Output(
+                "refusals", "dataset/refusals.tsv", "refusals.tsv: one row per refused object or body"
+            ),
+            "card": Output(
+                "card",
+                "dataset/README.md",
+                "README.md: counts, sources, licences, ranges, limits, how to cite and to rebuild",
+            ),
+            "overview": Output("overview", "dataset/overview.png", "overview.png: some of the objects"),
+            "croissant": Output(
+                "croissant", "dataset/croissant.json", "croissant.json: the metadata dataset searches read"
+            ),
             "record": Output(
-                "dataset_record", "dataset.json: counts, materials, ranges, versions, checksums"
+                "dataset_record",
+                "dataset/dataset.json",
+                "dataset.json: counts, materials, ranges, versions, checksums",
             ),
             "config": Output(
-                "dataset_config", "config.yaml: that configuration, beside the dataset", optional=True
+                "dataset_config",
+                "dataset/config.yaml",
+                "config.yaml: that configuration, beside the dataset",
+                optional=True,
             ),
-            "sums": Output("dataset_sums", "SHA256SUMS: checksums of all files, for `sha256sum -c`"),
+            "sums": Output(
+                "dataset_sums", "dataset/SHA256SUMS", "SHA256SUMS: checksums of all files, for `sha256sum -c`"
+            ),
         },
         record="record",
         options="dataset:IndexOptions",
@@ -246,7 +285,11 @@ STEPS = (
                 "validation_record", "validation.json, where the validation was run", optional=True
             ),
         },
-        outputs={"page": Output("report", "index.html; its pictures and sounds go to assets/ beside it")},
+        outputs={
+            "page": Output(
+                "report", "report/index.html", "index.html; its pictures and sounds go to assets/ beside it"
+            )
+        },
         options="dataset:Report",
         libraries=("jinja2", "matplotlib", "numpy", "h5py", "soundfile"),
         passes_refusals=False,
@@ -260,7 +303,9 @@ STEPS = (
         inputs={},
         outputs={
             "meshes": Output(
-                "validation_meshes", "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"
+                "validation_meshes",
+                "validation/{body}/meshes.h5",
+                "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)",
             )
         },
         record="meshes",
@@ -277,7 +322,13 @@ STEPS = (
                 "validation_meshes", "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"
             )
         },
-        outputs={"record": Output("validation_comparison", "every frequency beside its reference (JSON)")},
+        outputs={
+            "record": Output(
+                "validation_comparison",
+                "validation/{body}/comparison.json",
+                "every frequency beside its reference (JSON)",
+            )
+        },
         record="record",
         libraries=("h5py", "numpy", "scipy", "scikit-fem", "pypardiso"),
     ),
@@ -289,11 +340,13 @@ STEPS = (
         family="report",
         inputs={"comparisons": Input("validation_comparison", "comparisons of all bodies (JSON)", many=True)},
         outputs={
-            "table": Output("validation_table", "every comparison (TSV)"),
+            "table": Output("validation_table", "validation/validation.tsv", "every comparison (TSV)"),
             "record": Output(
-                "validation_record", "the same with summaries, convergence and what is missed (JSON)"
+                "validation_record",
+                "validation/validation.json",
+                "the same with summaries, convergence and what is missed (JSON)",
             ),
-            "plot": Output("validation_plot", "errors against unknowns (SVG)"),
+            "plot": Output("validation_plot", "validation/convergence.svg", "errors against unknowns (SVG)"),
         },
         record="record",
         libraries=("matplotlib", "numpy"),

@@ -1,0 +1,232 @@
+"""Rules and steps say the same; a new stage touches six places."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from vibraverse.contract.step import OBJECT
+from vibraverse.flow.paths import Paths
+from vibraverse.flow.steps import BY_NAME, STEPS
+from workflow_runs import TINY, Run
+
+#: Inputs that a rule hands over as a parameter, since they need not exist when a run is planned.
+AS_PARAMETERS = {("index", "resolved")}
+#: Inputs that the stage finds by itself, listed in the rule for Snakemake's sake.
+FOUND_BY_THE_STAGE = {("dataset", "products")}
+
+
+@pytest.fixture(scope="module")
+def rules(root, tmp_path_factory) -> dict[str, dict]:
+    """The rules as Snakemake understands them, of a run with every optional input."""
+    folder = tmp_path_factory.mktemp("rules")
+    paths = Paths(folder / "results")
+    for place in (paths.validation_record, folder / "kept.tsv"):
+        Path(place).parent.mkdir(parents=True, exist_ok=True)
+        Path(place).touch()
+    config = {**TINY, "results": paths.results, "audio": {"points": [[0.0, 0.0, 1.0]]}}
+    config["dataset"] = {**TINY.get("dataset", {}), "keep_splits": str(folder / "kept.tsv")}
+    (folder / "config.yaml").write_text(yaml.safe_dump(config))
+    program = [sys.executable, str(Path(__file__).with_name("list_rules.py"))]
+    listed = subprocess.run(
+        [*program, str(root / "Snakefile"), str(folder / "config.yaml")],
+        cwd=folder, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert listed.returncode == 0, listed.stderr
+    return {"paths": paths, **json.loads(listed.stdout)}
+
+
+def test_every_stage_has_a_rule_of_its_name(rules, root):
+    assert {step.name for step in STEPS} <= set(rules)
+    for step in STEPS:
+        assert (root / f"workflow/rules/{step.name}.smk").is_file()
+        assert (root / f"workflow/vibraverse/stages/{step.name}.py").is_file()
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_a_rule_says_what_its_step_says(rules, name):
+    step, rule, paths = BY_NAME[name], rules[name], rules["paths"]
+    outputs = {key: getattr(paths, output.pattern) for key, output in step.outputs.items()}
+    assert rule["output"] == outputs
+    inputs = {key for key in step.inputs if (name, key) not in AS_PARAMETERS}
+    assert {key for key in rule["input"] if (name, key) not in FOUND_BY_THE_STAGE} == inputs
+    for key, input_ in step.chained.items():
+        if (name, key) in AS_PARAMETERS:
+            assert rule["params"][key] == getattr(paths, input_.pattern)
+            continue
+        pattern, given = getattr(paths, input_.pattern), rule["input"][key]
+        if callable(pattern):
+            assert given == f"<{pattern.__name__}>"
+        elif input_.many:
+            before, _, after = pattern.partition("{")
+            after = after.partition("}")[2]
+            assert given
+            assert all(one.startswith(before) and one.endswith(after) for one in given)
+        else:
+            assert given in (pattern, [pattern])
+    assert rule["log"] == [paths.log(name, *step.wildcards)]
+    assert rule["conda"] == f"../../envs/{step.family}.yaml"
+    assert f"vibraverse-{step.family}-" in rule["container"]
+    assert rule["params"]["version"] == str(step.version)
+    assert ("options" in rule["params"]) == bool(step.options)
+    words = rule["shell"].split()
+    assert words[:2] == ["vibraverse", name]
+    for key in (*step.inputs, *step.outputs):
+        flag = f"--{key.replace('_', '-')}"
+        as_text = f"{{params.{key}}}"  # a parameter that holds flag and value, or nothing
+        assert flag in words or as_text in words, key
+
+
+def test_products_have_one_name_and_one_place():
+    outputs = [output for step in STEPS for output in step.outputs.values()]
+    assert (
+        len({output.pattern for output in outputs})
+        == len({output.path for output in outputs})
+        == len(outputs)
+    )
+    for step in STEPS:
+        for output in step.outputs.values():
+            assert all(f"{{{wildcard}}}" in output.path for wildcard in step.wildcards)
+        assert step.record in step.outputs or step.name == "report"
+        assert step.passes_refusals == (step.per not in ("shard", "dataset", "validation"))
+
+
+def test_every_input_is_made_by_an_earlier_stage():
+    made = {"config"}  # written as a run starts
+    for step in STEPS:
+        for name, input_ in step.chained.items():
+            sources = ("surface", "hollow_surface") if input_.pattern == "boundary" else (input_.pattern,)
+            # The report shows a validation where one was run; that is a run of its own.
+            assert made.issuperset(sources) or (step.name, name) == ("report", "validation")
+        made |= {output.pattern for output in step.outputs.values()}
+
+
+TOY_STEP = """
+    Step(
+        name="roundness",
+        version=1,
+        help="measure how round the surface is",
+        per=OBJECT,
+        family="geometry",
+        inputs={"surface": Input("surface", "cleaned surface (PLY)")},
+        outputs={"record": Output("roundness", "objects/{object}/roundness.json", "isoperimetric quotient (JSON)")},
+        record="record",
+        libraries=("numpy",),
+    ),
+"""
+TOY_STAGE = '''"""Stage ``roundness``: how round a body is."""
+
+
+def run(job) -> None:
+    """Read the surface, write its isoperimetric quotient."""
+    from vibraverse.files import meshes
+    from vibraverse.geometry.roundness import quotient
+
+    job.write_record({"roundness": quotient(*meshes.read_ply(job.inputs["surface"]))})
+'''
+TOY_LIBRARY = '''"""The isoperimetric quotient ``36 π V² / A³``: 1 for a ball, less for anything else."""
+
+import numpy as np
+
+from vibraverse.geometry import surfaces
+
+
+def quotient(vertices, faces) -> float:
+    """Return the quotient of a closed surface."""
+    return float(36 * np.pi * surfaces.volume(vertices, faces) ** 2 / surfaces.area(vertices, faces) ** 3)
+'''
+TOY_RULE = """rule roundness:
+    input:
+        surface=paths.surface,
+    output:
+        record=paths.roundness,
+    log:
+        paths.log("roundness", "object"),
+    conda:
+        "../../envs/geometry.yaml"
+    container:
+        image("geometry")
+    params:
+        version=VERSIONS["roundness"],
+    shell:
+        "vibraverse roundness --object {wildcards.object} "
+        "--surface {input.surface:q} --record {output.record:q} > {log:q} 2>&1"
+"""
+
+
+@pytest.fixture
+def grown(root, tmp_path, finished):
+    """A copy of the tree in which a stage was added, and a copy of the finished run that it works on."""
+    tree = tmp_path / "tree"
+    for folder in ("workflow", "envs", "containers"):
+        shutil.copytree(root / folder, tree / folder, ignore=shutil.ignore_patterns("images", "__pycache__"))
+    for file in ("Snakefile", "config.yaml", "pyproject.toml"):
+        shutil.copyfile(root / file, tree / file)
+    (tree / "profiles").symlink_to("workflow/profiles")
+    package = tree / "workflow/vibraverse"
+    steps = (package / "flow/steps.py").read_text()
+    before = '    Step(\n        name="hollow"'
+    assert before in steps
+    (package / "flow/steps.py").write_text(steps.replace(before, f"{TOY_STEP.strip(chr(10))}\n{before}"))
+    (package / "stages/roundness.py").write_text(TOY_STAGE)
+    (package / "geometry/roundness.py").write_text(TOY_LIBRARY)
+    (tree / "workflow/rules/roundness.smk").write_text(TOY_RULE)
+    run_in = tmp_path / "run"
+    shutil.copytree(finished.folder, run_in, symlinks=True)
+    return Run(run_in, tree)
+
+
+def test_a_new_stage_touches_six_places(grown, monkeypatch, root):
+    """Its mathematics, stage module, step and rule; its docs page and its test are for people."""
+    monkeypatch.setenv("PYTHONPATH", str(grown.root / "workflow"))
+    jobs, _ = grown.plan()
+    assert jobs["roundness"] == 1
+    assert not set(jobs) & {
+        "sources",
+        "clean",
+        "grids",
+        "hollow",
+        "tets",
+        "basis",
+        "modes",
+        "audio",
+        "images",
+    }
+    grown()
+    record = json.loads((grown.folder / "results/objects/bar-0000/roundness.json").read_text())
+    assert 0.05 < record["roundness"] < 1
+    assert record["provenance"]["stage"] == "roundness"
+
+    def vibraverse(*words: str) -> str:
+        done = subprocess.run(
+            [sys.executable, "-m", "vibraverse", *words],
+            cwd=grown.folder, env={**os.environ, **grown.environment}, capture_output=True, text=True, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    assert "roundness" in vibraverse("--help")
+    assert "36 π" not in vibraverse("roundness", "--help")
+    assert "roundness" in vibraverse("status")
+    assert "roundness, version 1" in vibraverse("provenance", "results/objects/bar-0000/roundness.json")
+    assert vibraverse("repair").startswith("Nothing is wrong")
+
+
+def test_the_architecture_names_the_six_places(root):
+    text = (root / "docs/architecture.md").read_text(encoding="utf-8")
+    for place in (
+        "flow/steps.py",
+        "stages/<stage>.py",
+        "workflow/rules/<stage>.smk",
+        "docs/<stage>.md",
+        "tests/",
+    ):
+        assert place in text
+    assert BY_NAME["clean"].per == OBJECT
