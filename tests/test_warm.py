@@ -27,9 +27,9 @@ COMMANDS = Path(sys.executable).parent
 PROGRAM = """
 import os
 from vibraverse.machine import warm, warm_process
-warm_process.keep_warm(9)
+warm_process.keep_warm({"": 9, "other.sif": 9})
 assert warm.VARIABLE not in os.environ
-warm_process.keep_warm(10)
+warm_process.keep_warm({"": 10, "other.sif": 9})
 print(os.environ[warm.VARIABLE], flush=True)
 input()
 """

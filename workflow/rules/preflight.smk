@@ -1,4 +1,6 @@
 # What a run needs of the machine, asked before its first job. Included last: every rule is known.
+from collections import Counter
+
 from snakemake.settings.types import DeploymentMethod
 
 from vibraverse.machine import slurm
@@ -17,6 +19,22 @@ preflight.stop_without(
 )
 if plan.joins and workflow.is_main_process:
     preflight.stop_without(preflight.shards, targets.missing_shards(plan))
+
+
+def warm_up(jobs):
+    """Keep a process warm for jobs, each a rule's name and its image; those in Conda's environments start cold."""
+    if DeploymentMethod.CONDA not in workflow.deployment_settings.deployment_method:
+        images = (image or "" if in_containers else "" for name, image in jobs if name in VERSIONS)
+        keep_warm(Counter(images), workflow.deployment_settings.apptainer_args)
+
+
+# The Snakemake that a cluster's job starts for a group of ours runs no hooks, and knows its jobs by now.
+if not workflow.is_main_process and "slurm-jobstep" not in sys.argv:
+    targets_here = [
+        (spec.rulename, workflow.get_rule(spec.rulename).container_img)
+        for spec in workflow.dag_settings.target_jobs
+    ]
+    warm_up(targets_here)
 
 
 onstart:
@@ -38,8 +56,7 @@ onstart:
         preflight.stop_without(preflight.local_gpus, [(job.rule.name, job.resources) for job in waiting])
         mine = None if plan.owned is None else [*plan.objects, *plan.shards]
         wait_for_jobs_of_gone_runs(f"{paths.results}/logs", mine)
-        if not workflow.deployment_settings.deployment_method:
-            keep_warm(len(waiting))
+        warm_up([(job.rule.name, job.container_img_path) for job in waiting])
     if workflow.executor_plugin.name == "slurm":
         preflight.stop_without(
             slurm.check,

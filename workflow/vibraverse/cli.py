@@ -13,6 +13,7 @@ import sys
 from vibraverse import __version__
 from vibraverse.contract.errors import NotStored, NotThere, UsageError
 from vibraverse.contract.step import BODY, KNOWN_BODY, OBJECT, Step, option
+from vibraverse.flow.paths import SOLIDITIES
 from vibraverse.flow.steps import BY_NAME
 from vibraverse.machine import warm
 from vibraverse.machine.compiled import use_compiled_loops
@@ -74,7 +75,7 @@ def main(argv: list[str] | None = None) -> int:
     if name == warm.SUBCOMMAND:
         from vibraverse.machine.warm_process import serve
 
-        serve(main, rest[0], int(rest[1]))
+        serve(main, rest[0])
         return 0
     if name in BY_NAME and os.environ.get(warm.VARIABLE):
         status = warm.ask(os.environ[warm.VARIABLE], argv)
@@ -123,8 +124,6 @@ def _run(name: str, argv: list[str]) -> int:
 def _parser(step: Step):
     import argparse
     from pathlib import Path
-
-    from vibraverse.flow.paths import SOLIDITIES
 
     parser = argparse.ArgumentParser(prog=f"vibraverse {step.name}", description=step.help)
     if step.per in (OBJECT, BODY, KNOWN_BODY):

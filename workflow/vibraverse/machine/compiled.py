@@ -7,11 +7,14 @@ for each job of geometry. So a process in an image gets a copy of the image's lo
 from __future__ import annotations
 
 import os
+import sys
 
 
 def use_compiled_loops() -> None:
     """Let Numba find the loops of ``NUMBA_CACHE_DIR`` where that is read-only; call before Numba is imported."""
     kept = os.environ.get("NUMBA_CACHE_DIR", "")
+    if "numba" in sys.modules:  # a fork of a warm process has them
+        return
     if not os.path.isdir(kept) or os.access(kept, os.W_OK):
         return
     import atexit

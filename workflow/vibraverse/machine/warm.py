@@ -9,6 +9,7 @@ import os
 import socket
 import struct
 import sys
+import zlib
 
 #: The environment variable that holds the address of a warm process; where it is set, if to nothing, none is started.
 #: It is a name in Linux's abstract namespace, which leaves no file behind.
@@ -23,9 +24,20 @@ _PEER = struct.Struct("3i")
 DECLINED = 79
 
 
+def container() -> str:
+    """Return the image that this process runs in; nothing outside of one."""
+    return os.environ.get("APPTAINER_CONTAINER") or os.environ.get("SINGULARITY_CONTAINER") or ""
+
+
 def identity() -> list[str]:
-    """Return what a command and the warm process must share: the environment and this file."""
-    return [sys.prefix, os.path.realpath(__file__)]
+    """Return what a command and the warm process must share: the environment, this file, the image."""
+    return [sys.prefix, os.path.realpath(__file__), container()]
+
+
+def socket_name(address: str) -> str:
+    """Return the abstract name at which a warm process listens; there is one for each image of a run."""
+    image = container()
+    return f"\0{address}-{zlib.crc32(os.fsencode(image)):08x}" if image else f"\0{address}"
 
 
 def ours(connection: socket.socket) -> bool:
@@ -44,7 +56,7 @@ def ask(address: str, argv: list[str]) -> int | None:
         return None
     with socket.socket(socket.AF_UNIX) as connection:
         try:
-            connection.connect(f"\0{address}")
+            connection.connect(socket_name(address))
             if not ours(connection):
                 return None
             message = request(argv)
@@ -69,6 +81,6 @@ def request(argv: list[str]) -> bytes:
 
 def understood(message: bytes) -> tuple[list[str], str, int, list[str], dict[str, str]]:
     """Return identity, folder, mask of files, arguments and environment of a :func:`request`."""
-    prefix, file, folder, mask, count, *words = os.fsdecode(message).split("\0")
+    prefix, file, image, folder, mask, count, *words = os.fsdecode(message).split("\0")
     argv, variables = words[: int(count)], words[int(count) :]
-    return [prefix, file], folder, int(mask), argv, dict(one.split("=", 1) for one in variables)
+    return [prefix, file, image], folder, int(mask), argv, dict(one.split("=", 1) for one in variables)

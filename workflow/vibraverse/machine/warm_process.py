@@ -2,7 +2,7 @@
 
 A job of a small object computes for a fraction of a second, and Python takes a second or more to start and import
 what it computes with. A run of many jobs on its own machine starts one process that imports everything once and
-listens; a stage's command that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its own input,
+listens, in each image that its jobs run in; a stage's command that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its own input,
 output and environment, and waits. The job is the same: the log, the limits, the products. Where nothing listens, or the
 command comes from another installation or wants more threads, it works by itself.
 
@@ -18,50 +18,63 @@ import importlib
 import os
 import secrets
 import select
+import shlex
 import signal
 import socket
 import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 
 from vibraverse.contract.limits import die_with, threads
 from vibraverse.flow.steps import STEPS
-from vibraverse.machine import warm
+from vibraverse.machine import containers, warm
+from vibraverse.machine.compiled import use_compiled_loops
 from vibraverse.machine.threads import ROUNDING, set_threads
 
 #: Fewer jobs than this take less than the warm process's own imports.
-_WORTHWHILE = 10
+WORTHWHILE = 10
 _GONE = select.POLLHUP | select.POLLERR | select.POLLRDHUP
 
 
-def keep_warm(jobs: int) -> None:
-    """Start a warm process for the ``jobs`` that this process is going to start, where they are many.
+def keep_warm(jobs: Mapping[str, int], apptainer_args: str = "") -> None:
+    """Start a warm process for the jobs that this process is going to start, where they are many.
 
-    It listens as soon as it has imported; commands that come earlier work by themselves.
+    ``jobs`` counts them by the image that they run in, "" for those that run in none; there is a process for each.
+    ``apptainer_args`` are the run's own, so that the process sees what its jobs would see. A process listens as soon as
+    it has imported; commands that come earlier work by themselves.
     """
-    if jobs < _WORTHWHILE or warm.VARIABLE in os.environ:
+    images = [image for image, count in jobs.items() if count >= WORTHWHILE]
+    if not images or warm.VARIABLE in os.environ:
         return
     address = f"vibraverse-{os.getpid()}-{secrets.token_hex(8)}"
-    # Nobody holds the pipe's writing end any more when this process has ended, so that the other one reads its end.
+    # Nobody holds the pipe's writing end any more when this process has ended, so that the others read its end.
     reading, _held = os.pipe()
-    subprocess.Popen(
+    for image in images:
         # -P: what lies in the working folder is no module.
-        [sys.executable, "-P", "-m", "vibraverse", warm.SUBCOMMAND, address, str(reading)],
-        pass_fds=[reading],
-        stdin=subprocess.DEVNULL,
-        # Who reads what the run says until its end need not wait for this process's.
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
+        command = ["-P", "-m", "vibraverse", warm.SUBCOMMAND, address]
+        subprocess.Popen(
+            [sys.executable, *command] if not image else [*_in_image(image, apptainer_args), "python", *command],
+            stdin=reading,
+            # Who reads what the run says until its end need not wait for this process's.
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
     os.close(reading)
     os.environ[warm.VARIABLE] = address
 
 
-def serve(main: Callable[[list[str]], int], address: str, run_ends: int) -> None:
-    """Import, then fork jobs until ``run_ends``, a pipe, has no writer any more; ``main`` is the command line."""
+def _in_image(image: str, arguments: str) -> list[str]:
+    """Return the beginning of a command that runs in an image as Snakemake runs its jobs."""
+    return [containers.binary(), "exec", "--home", os.getcwd(), *shlex.split(arguments), image]
+
+
+def serve(main: Callable[[list[str]], int], address: str) -> None:
+    """Import, then fork jobs until the pipe that is the input has no writer any more; ``main`` is the command line."""
+    run_ends = os.dup(sys.stdin.fileno())
+    use_compiled_loops()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which tells by ending
     for step in preparation():
         if select.select([run_ends], [], [], 0)[0]:
@@ -73,7 +86,7 @@ def serve(main: Callable[[list[str]], int], address: str, run_ends: int) -> None
     gc.collect()
     gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
     with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(f"\0{address}")
+        listening.bind(warm.socket_name(address))
         listening.listen(64)
         Server(main, listening, run_ends).serve()
 
