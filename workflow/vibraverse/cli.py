@@ -1,23 +1,22 @@
 """The command ``vibraverse``: one subcommand per stage, and a few for people.
 
 A subcommand's module is imported only when it is asked for, so that ``--help`` answers at once and the thread
-settings stand before any numerical library starts.
+settings stand before any numerical library starts. A stage that a warm process does costs its command no import at
+all: there are ten for each object.
 """
 
 from __future__ import annotations
 
-import importlib
 import os
 import sys
+from typing import TYPE_CHECKING
 
 from vibraverse import __version__
-from vibraverse.contract.errors import NotStored, NotThere, UsageError
-from vibraverse.contract.step import BODY, KNOWN_BODY, OBJECT, Step, option
-from vibraverse.flow.paths import SOLIDITIES
-from vibraverse.flow.steps import BY_NAME
 from vibraverse.machine import warm
-from vibraverse.machine.compiled import use_compiled_loops
 from vibraverse.machine.threads import asked_threads, set_rounding, set_threads
+
+if TYPE_CHECKING:
+    from vibraverse.contract.step import Step
 
 #: Subcommands for people: name -> one line of help. The module is ``vibraverse.commands.<name>``.
 COMMANDS = {
@@ -40,6 +39,8 @@ COMMANDS = {
 
 
 def _overview() -> str:
+    from vibraverse.flow.steps import BY_NAME
+
     def table(rows):
         return "\n".join(f"  {name:<17} {text}" for name, text in rows.items())
 
@@ -77,10 +78,18 @@ def main(argv: list[str] | None = None) -> int:
 
         serve(main, rest[0])
         return 0
-    if name in BY_NAME and os.environ.get(warm.VARIABLE):
+    if name not in COMMANDS and os.environ.get(warm.VARIABLE):
         status = warm.ask(os.environ[warm.VARIABLE], argv)
         if status is not None:
             return status
+    return _here(name, rest)
+
+
+def _here(name: str, rest: list[str]) -> int:
+    """Run a subcommand in this process; return its exit status."""
+    from vibraverse.contract.errors import NotStored, NotThere, UsageError
+    from vibraverse.machine.compiled import use_compiled_loops
+
     use_compiled_loops()
     try:
         return _run(name, rest)
@@ -100,14 +109,18 @@ def main(argv: list[str] | None = None) -> int:
 
 def _run(name: str, argv: list[str]) -> int:
     """Run a subcommand; raises :class:`NotStored` where what it writes cannot be stored."""
+    import importlib
+
+    from vibraverse.contract.errors import NotStored, UsageError
+    from vibraverse.contract.products import not_stored
+    from vibraverse.contract.texts import unknown
+    from vibraverse.flow.steps import BY_NAME
+
     if name in BY_NAME:
         _run_stage(BY_NAME[name], argv)
         return 0
     if name not in COMMANDS:
-        from vibraverse.contract.texts import unknown
-
         raise UsageError(unknown("command", name, [*COMMANDS, *BY_NAME]))
-    from vibraverse.contract.products import not_stored
 
     module = importlib.import_module(f"vibraverse.commands.{name}")
     try:
@@ -124,6 +137,9 @@ def _run(name: str, argv: list[str]) -> int:
 def _parser(step: Step):
     import argparse
     from pathlib import Path
+
+    from vibraverse.contract.step import BODY, KNOWN_BODY, OBJECT, option
+    from vibraverse.flow.paths import SOLIDITIES
 
     parser = argparse.ArgumentParser(prog=f"vibraverse {step.name}", description=step.help)
     if step.per in (OBJECT, BODY, KNOWN_BODY):
@@ -149,6 +165,9 @@ def _parser(step: Step):
 
 
 def _run_stage(step: Step, argv: list[str]) -> None:
+    import importlib
+
+    from vibraverse.contract.errors import UsageError
     from vibraverse.contract.stage import Job, run
 
     if hasattr(sys.stdout, "reconfigure"):

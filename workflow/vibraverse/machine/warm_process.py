@@ -56,7 +56,9 @@ def keep_warm(jobs: Mapping[str, int], apptainer_args: str = "") -> None:
         # -P: what lies in the working folder is no module.
         command = ["-P", "-m", "vibraverse", warm.SUBCOMMAND, address]
         subprocess.Popen(
-            [sys.executable, *command] if not image else [*_in_image(image, apptainer_args), "python", *command],
+            [sys.executable, *command]
+            if not image
+            else [*_in_image(image, apptainer_args), "python", *command],
             stdin=reading,
             # Who reads what the run says until its end need not wait for this process's.
             stdout=subprocess.DEVNULL,
