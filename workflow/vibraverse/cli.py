@@ -9,12 +9,12 @@ from __future__ import annotations
 
 import os
 import sys
-from typing import TYPE_CHECKING
 
 from vibraverse import __version__
 from vibraverse.machine import warm
 from vibraverse.machine.threads import asked_threads, set_rounding, set_threads
 
+TYPE_CHECKING = False  # the module that has it takes as long to import as all others here
 if TYPE_CHECKING:
     from vibraverse.contract.step import Step
 
