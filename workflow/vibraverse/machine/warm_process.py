@@ -2,9 +2,9 @@
 
 A job of a small object computes for a fraction of a second, and Python takes a second or more to start and import
 what it computes with. A run of many jobs starts a process that imports everything once and listens, in each image that
-its jobs run in. A stage's command that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its own
-input, output and environment, and waits. The job is the same: the log, the limits, the products. Where nothing listens,
-or the command comes from another installation or wants more threads, it works by itself.
+its jobs run in. A stage's command that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its
+own input, output and environment, and waits. The job is the same: the log, the limits, the products. Where nothing
+listens, or the command comes from another installation or wants more threads, it works by itself.
 
 The warm process forks a job for each command. It tells the command the job's exit status, and kills the job when the
 command is gone. It ends with the run that started it, however that ends; jobs that still work then go on to their end.
