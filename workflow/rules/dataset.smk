@@ -10,8 +10,6 @@ if not plan.joins:
             shard=paths.shard,
         log:
             paths.log("dataset", "shard"),
-        benchmark:
-            paths.benchmark("dataset", "shard")
         conda:
             "../../envs/dataset.yaml"
         container:
@@ -49,8 +47,6 @@ rule index:
         sums=paths.dataset_sums,
     log:
         paths.log("index"),
-    benchmark:
-        paths.benchmark("index")
     conda:
         "../../envs/dataset.yaml"
     container:

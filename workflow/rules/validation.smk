@@ -6,8 +6,6 @@ rule validation_meshes:
         meshes=paths.validation_meshes,
     log:
         paths.log("validation_meshes", "body"),
-    benchmark:
-        paths.benchmark("validation_meshes", "body")
     conda:
         "../../envs/geometry.yaml"
     container:
@@ -35,8 +33,6 @@ rule validation_modes:
         record=paths.validation_comparison,
     log:
         paths.log("validation_modes", "body"),
-    benchmark:
-        paths.benchmark("validation_modes", "body")
     conda:
         "../../envs/fem.yaml"
     container:
@@ -67,8 +63,6 @@ rule validation_table:
         plot=report(paths.validation_plot, caption="../report/convergence.rst", category="Validation"),
     log:
         paths.log("validation_table"),
-    benchmark:
-        paths.benchmark("validation_table")
     conda:
         "../../envs/report.yaml"
     container:

@@ -1,7 +1,8 @@
 """How a stage runs: files in, files out, refusals passed on.
 
 :func:`run` gives every stage its contract: the log opens with the command that repeats it, refused inputs are passed on
-at no cost, products appear whole or not at all, and a refusal is written where the products would have been.
+at no cost, products appear whole or not at all, a refusal is written where the products would have been, and the
+journal of the run says who works and what each job took.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibraverse import __version__
-from vibraverse.contract import products
+from vibraverse.contract import journal, products
 from vibraverse.contract.errors import NotStored, Refused, UsageError
 from vibraverse.contract.refusal import Refusal, read_refusal
-from vibraverse.contract.step import Step
+from vibraverse.contract.step import SHARD, Step
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -117,6 +118,26 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
     Raises :class:`UsageError` for inputs that do not exist and :class:`NotStored` where products cannot be written.
     """
     print(shlex.join(command), file=sys.stderr, flush=True)
+    mark, outcome = _begin(job), journal.FAILED
+    try:
+        outcome = _run(job, work)
+    finally:
+        if mark is not None:
+            journal.end(mark, outcome, _cpu_s(), _most_mb())
+
+
+def _begin(job: Job) -> journal.Mark | None:
+    """Let the journal of the run, where there is one, say that this job works."""
+    shard = next(iter(job.final.values())).stem if job.step.per == SHARD else ""
+    try:
+        return journal.begin(job.step.name, job.object or shard, job.solidity)
+    except OSError as error:
+        said = products.not_stored(error, error.filename or "the journal of the run")
+        raise NotStored(f"{job.step.name}: {said or error}") from error
+
+
+def _run(job: Job, work: Callable[[Job], None]) -> str:
+    """Run a job; return how it ended."""
     for path in _flat(job.inputs):
         if not path.is_file():  # opening a pipe would wait for ever
             wrong = "is not a file" if path.exists() else "does not exist"
@@ -125,10 +146,11 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
         _check_ours(job.step, name, job.final[name])
     started, cpu_before = time.perf_counter(), _cpu_s()
     with _storing(job):
-        refused = _passed_on(job) or _make(job, work)
+        passed_on = _passed_on(job)
+        refused = passed_on or _make(job, work)
     if refused is not None:
         _tell(refused)
-        return
+        return journal.PASSED_ON if passed_on else journal.REFUSED
     seconds = time.perf_counter() - started
     for path in job.final.values():
         print(f"wrote {path}", file=sys.stderr)
@@ -136,6 +158,7 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
         f"{job.step.name}: done in {seconds:.1f} s, {_cpu_s() - cpu_before:.1f} s of CPU, at most {_most_mb()} MB",
         file=sys.stderr,
     )
+    return journal.DONE
 
 
 def _passed_on(job: Job) -> Refusal | None:
