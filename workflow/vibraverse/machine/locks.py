@@ -159,9 +159,6 @@ def ending(jobs: list[tuple[Path, Worker]]) -> str:
         on = [job for job in alone if job.host == host]
         where = "" if on[0].is_here else f" on {host}"
         commands.append(f"`kill {' '.join(str(job.process) for job in on)}`{where}")
-    unsure = [str(file) for file, job in jobs if not (job.locked or job.is_here)]
-    if unsure:
-        commands.append(
-            f"(no locks tell of other machines: if they are gone already) `rm {' '.join(unsure)}`"
-        )
-    return " and ".join(commands)
+    gone = [str(file) for file, job in jobs if not (job.locked or job.is_here)]
+    unsure = f"; where it is gone already, `rm {' '.join(gone)}` (no locks tell of other machines)" if gone else ""
+    return " and ".join(commands) + unsure
