@@ -51,6 +51,11 @@ class Job:
     threads: int = 1
     outputs: dict[str, Path] = field(default_factory=dict)
 
+    @property
+    def work_folder(self) -> Path:
+        """Where :attr:`work` is, or would be: beside the first product."""
+        return products.work_folder(next(iter(self.final.values())))
+
     @cached_property
     def work(self) -> Path:
         """The folder for what the stage keeps between attempts, made when first asked for.
@@ -58,7 +63,7 @@ class Job:
         It survives a kill and a retry, and goes when the products are published. One that was begun with other inputs,
         options or versions is emptied. A file in it may be half-written: write those aside and rename them.
         """
-        folder = products.work_folder(next(iter(self.final.values())))
+        folder = self.work_folder
         begun, made_of = folder / "made-of.json", products.as_json(self.provenance())
         if not begun.is_file() or begun.read_text(encoding="utf-8") != made_of:
             products.remove(folder)
@@ -148,6 +153,7 @@ def _run(job: Job, work: Callable[[Job], None]) -> str:
     with _storing(job):
         passed_on = _passed_on(job)
         refused = passed_on or _make(job, work)
+        products.remove(job.work_folder)
     if refused is not None:
         _tell(refused)
         return journal.PASSED_ON if passed_on else journal.REFUSED
@@ -191,7 +197,6 @@ def _make(job: Job, work: Callable[[Job], None]) -> Refusal | None:
     finally:
         for partial in job.outputs.values():
             products.remove(partial)
-    products.remove(products.work_folder(next(iter(job.final.values()))))
     return refusal
 
 

@@ -160,5 +160,7 @@ def ending(jobs: list[tuple[Path, Worker]]) -> str:
         where = "" if on[0].is_here else f" on {host}"
         commands.append(f"`kill {' '.join(str(job.process) for job in on)}`{where}")
     gone = [str(file) for file, job in jobs if not (job.locked or job.is_here)]
-    unsure = f"; where it is gone already, `rm {' '.join(gone)}` (no locks tell of other machines)" if gone else ""
+    unsure = (
+        f"; where it is gone already, `rm {' '.join(gone)}` (no locks tell of other machines)" if gone else ""
+    )
     return " and ".join(commands) + unsure
