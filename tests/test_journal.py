@@ -255,6 +255,17 @@ def test_without_locks_a_job_is_told_by_its_process(without_locks):
     mark.remove()
 
 
+def test_who_reads_its_own_file_keeps_its_lock(run):
+    program = (
+        "from vibraverse.contract import journal;"
+        "print(*[one.process for one in journal.working_runs('results').values()])"
+    )
+    for _ in range(2):
+        assert [*journal.working_runs("results")] == [run.file.name]
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        assert done.stdout == f"{os.getpid()}\n"
+
+
 def test_a_run_takes_its_file_away_when_its_process_ends(tmp_path):
     program = "from vibraverse.machine.locks import only_run; only_run('results')"
     subprocess.run([sys.executable, "-c", program], cwd=tmp_path, check=True)

@@ -98,11 +98,7 @@ class Mark:
         self.file = folder / f"{host}-{process}-{os.urandom(3).hex()}.json"
         aside = self.file.with_name(f".{self.file.name}")
         self._descriptor: int | None = os.open(aside, os.O_RDWR | os.O_CREAT, 0o666)
-        try:
-            fcntl.lockf(self._descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            locked = True
-        except OSError:
-            locked = False
+        locked = _lock(self._descriptor)
         begun, slurm_job = time.time() - _age_s(), os.environ.get("SLURM_JOB_ID", "")
         self.worker = Worker(host, process, round(begun, 3), slurm_job, locked, **facts)
         try:
@@ -200,21 +196,37 @@ def begun(results: str | Path) -> Iterator[tuple[Path, Worker]]:
 
 def works(file: Path, worker: Worker) -> bool:
     """Return whether the process that marked a file still works."""
-    if worker.is_here and worker.process == os.getpid():
-        return True  # closing the file would drop this process's own lock
-    if worker.locked and _LINUX:
+    if worker.locked:
         with suppress(OSError):
             return _is_locked(file)
     return not worker.is_here or _is_alive(worker.process)
 
 
+def _lock(descriptor: int) -> bool:
+    """Lock a file that nobody else has; return whether that can be done here.
+
+    The lock is the open file's: one of the process would go when the process reads the file and closes it again.
+    """
+    if not _LINUX:
+        return False
+    try:
+        fcntl.fcntl(descriptor, fcntl.F_OFD_SETLK, _whole_file(fcntl.F_WRLCK))
+    except OSError:
+        return False
+    return True
+
+
 def _is_locked(file: Path) -> bool:
-    asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, 0, 0, 0)
     try:
         with open(file, "rb") as lock:
-            return struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_GETLK, asked))[0] != fcntl.F_UNLCK
+            found = fcntl.fcntl(lock, fcntl.F_OFD_GETLK, _whole_file(fcntl.F_WRLCK))
     except FileNotFoundError:
         return False
+    return struct.unpack(_FLOCK, found)[0] != fcntl.F_UNLCK
+
+
+def _whole_file(kind: int) -> bytes:
+    return struct.pack(_FLOCK, kind, os.SEEK_SET, 0, 0, 0)
 
 
 def _is_alive(process: int) -> bool:

@@ -24,6 +24,7 @@ from vibraverse.contract import journal
 from vibraverse.contract.journal import Mark, Worker
 from vibraverse.contract.products import not_stored
 
+#: What this process holds: a lock goes when its file is no longer referred to.
 _held: list[Hold] = []
 #: Polling interval in seconds, for orphaned jobs.
 _POLL_S = 1.0
@@ -36,11 +37,13 @@ class Hold:
         self.file = mark.file
         self._mark, self._lock = mark, lock
         atexit.register(mark.remove)
+        _held.append(self)
 
     def close(self) -> None:
         """Let other runs go on."""
         self._mark.remove()
         self._lock.close()
+        _held.remove(self)
 
     def __enter__(self) -> Hold:
         return self
@@ -86,9 +89,7 @@ def only_run(results: str | Path, shards: Iterable[int] | None = None) -> Hold:
             f"in {mark.file.parent} instead; when a machine crashes, delete those of its runs.",
             file=sys.stderr,
         )
-    hold = Hold(mark, lock)
-    _held.append(hold)
-    return hold
+    return Hold(mark, lock)
 
 
 def _others(folder: Path, mark: Mark) -> list[tuple[Path, Worker]]:
