@@ -229,8 +229,9 @@ def test_without_locks_runs_exclude_each_other_by_files(without_locks, capsys, h
 
 def test_without_locks_a_run_of_this_machine_that_is_gone_is_no_hindrance(without_locks):
     file = other(None, HERE, NOBODY)
-    locks.only_run("results").close()
-    assert not file.exists()
+    with locks.only_run("results"):
+        locks.orphans("results")
+        assert not file.exists()
 
 
 def test_without_locks_a_run_of_another_machine_is_asked_about(without_locks, capsys):

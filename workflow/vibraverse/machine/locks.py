@@ -93,14 +93,12 @@ def only_run(results: str | Path, shards: Iterable[int] | None = None) -> Hold:
 
 
 def _others(folder: Path, mark: Mark) -> list[tuple[Path, Worker]]:
-    """Return the runs that work on a shard of the run that marked; delete the files of those that are gone."""
+    """Return the runs that work on a shard of the run that marked."""
     found = []
     for file, run in journal.runs(folder):
-        if file == mark.file:
+        if file == mark.file or not journal.works(file, run):
             continue
-        if not journal.works(file, run):
-            file.unlink(missing_ok=True)
-        elif None in (run.shards, mark.worker.shards) or set(run.shards) & set(mark.worker.shards):
+        if None in (run.shards, mark.worker.shards) or set(run.shards) & set(mark.worker.shards):
             found.append((file, run))
     return found
 
@@ -118,13 +116,19 @@ def _taken(folder: Path, parts: list[int] | None, others: list[tuple[Path, Worke
 
 
 def orphans(results: str | Path, names: Iterable[str] | None = None) -> list[tuple[Path, Worker]]:
-    """Return the jobs of killed runs that still work; delete the files of those that do not.
+    """Return the jobs of killed runs that still work; delete the files of those that do not, and of their runs.
 
     ``names`` are the objects and shards that are looked at (None: all), in which no other run may work.
     """
     wanted = None if names is None else set(names)
-    runs, found = journal.working_runs(results), []
-    for file, job in journal.begun(results):
+    begun = list(journal.begun(results))  # first: each has its run's file before its own
+    runs, found = set(), []
+    for file, run in journal.runs(results):
+        if journal.works(file, run):
+            runs.add(file.name)
+        else:
+            file.unlink(missing_ok=True)
+    for file, job in begun:
         if job.run in runs or (wanted is not None and job.object not in wanted):
             continue
         if journal.works(file, job):

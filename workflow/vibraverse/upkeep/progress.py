@@ -87,8 +87,9 @@ class Survey:
 
 def survey(plan: Plan) -> Survey:
     """Return what there is of all objects."""
+    begun = list(journal.begun(plan.paths.results))  # first: each has its run's file before its own
     runs = journal.working_runs(plan.paths.results)
-    works, stopped = _begun(plan.paths, set(runs))
+    works, stopped = _sorted(begun, plan.paths, set(runs))
     others = [work for job, work in works.items() if work.orphaned or job[0] not in _CHAIN]
     found = Survey(runs=len(runs), works=others)
     kinds = kinds_of(plan)
@@ -181,10 +182,12 @@ def kinds_of(plan: Plan) -> list[Kind]:
     return kinds
 
 
-def _begun(paths: Paths, runs: set[str]) -> tuple[dict[tuple, Work], dict[tuple, str]]:
+def _sorted(
+    begun: list[tuple[Path, Worker]], paths: Paths, runs: set[str]
+) -> tuple[dict[tuple, Work], dict[tuple, str]]:
     """Return the jobs that work, and the logs of those that failed or were killed, by stage, object and solidity."""
     works, stopped = {}, {}
-    for file, worker in journal.begun(paths.results):
+    for file, worker in begun:
         step = BY_NAME.get(worker.stage)
         if step is None:
             continue
