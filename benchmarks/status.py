@@ -5,20 +5,25 @@ python benchmarks/status.py [objects]
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
+from dataclasses import asdict
 from pathlib import Path
 
 from vibraverse.config import parse
+from vibraverse.contract import journal
+from vibraverse.contract.journal import Ended, Mark
 from vibraverse.contract.refusal import Refusal
 from vibraverse.flow.plan import Plan
-from vibraverse.flow.targets import object_products
+from vibraverse.upkeep import progress
 from vibraverse.upkeep.lineage import jobs
 
-ROW = "s\th:m:s\tmax_rss\n2.5\t0:00:02\t100\n"
+#: Jobs that work, and ones that were killed, of a process that there never was.
+WORKING, KILLED, GONE = 100, 100, 2**22 + 1
 
 
 def main() -> None:
@@ -29,6 +34,7 @@ def main() -> None:
         plan = Plan(parse({"sources": {"generated": {"count": count}, "bundled": []}}))
         for number, object_id in enumerate(plan.objects):
             fake(plan, object_id, number)
+        marks = begin(plan)
         for state in ("after writing them", "again"):
             started, used = time.perf_counter(), os.times()
             done = subprocess.run(
@@ -38,6 +44,8 @@ def main() -> None:
             cpu = now.children_user + now.children_system - used.children_user - used.children_system
             print(f"{count} objects, {state}: {wall:.2f} s, CPU {cpu:.2f} s")
         print(done.stdout)
+        for mark in marks:
+            mark.remove()
 
 
 def fake(plan: Plan, object_id: str, number: int) -> None:
@@ -46,16 +54,32 @@ def fake(plan: Plan, object_id: str, number: int) -> None:
     if kind == 9:
         return
     refusal = Refusal(object_id, "clean", "not_a_solid", "It is flat.").to_text() if kind == 8 else ""
-    sources = [str(path) for path in jobs(plan.paths, object_id)[0].outputs]
-    products = [*sources, *object_products(plan, object_id)]
-    for path in products[:12] if kind == 7 else products:
+    files = [(one.stage, "/".join(file)) for one in progress.kinds_of(plan) for file in one.files]
+    for stage, file in files[:12] if kind == 7 else files:
+        path = f"results/objects/{object_id}/{file}"
         os.makedirs(os.path.dirname(path), exist_ok=True)
-        with open(path, "w") as file:
-            file.write("" if path in sources else refusal)
-    folder = Path(f"results/benchmarks/{object_id}")
-    folder.mkdir(parents=True)
-    for made in jobs(plan.paths, object_id):
-        (folder / ".".join(part for part in (made.step.stage, made.solidity, "tsv") if part)).write_text(ROW)
+        with open(path, "w") as product:
+            product.write("" if stage == "sources" else refusal)
+    folder = Path(plan.paths.journal)
+    folder.mkdir(exist_ok=True)
+    ended = [
+        Ended(made.step.name, object_id, made.solidity, "done", 2.5, 2.0, 100.0, "here", 1, "", "", 1.0, 3.5)
+        for made in jobs(plan.paths, object_id)
+    ]
+    lines = "".join(f"{json.dumps(asdict(one))}\n" for one in ended)
+    (folder / f"{object_id}.jsonl").write_text(lines)
+
+
+def begin(plan: Plan) -> list[Mark]:
+    """Let this process be a run whose jobs work, and some that were killed, of objects that are missing."""
+    run = Mark(journal.runs_folder("results"))
+    begun = Path(plan.paths.journal, "begun")
+    missing = list(plan.objects)[9::10][: WORKING + KILLED]
+    marks = [Mark(begun, run=run.file.name, stage="sources", object=object_id) for object_id in missing]
+    for mark in marks[WORKING:]:
+        mark.file.write_text(json.dumps({**asdict(mark.worker), "process": GONE}))
+        mark.release()
+    return [run, *marks]
 
 
 if __name__ == "__main__":

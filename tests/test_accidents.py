@@ -6,22 +6,22 @@ import os
 import random
 import re
 import shutil
-import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 import make_products
-from vibraverse.contract import products
+from vibraverse.contract import journal, products
 from vibraverse.flow.paths import Paths
 from vibraverse.flow.plan import Plan
 from vibraverse.flow.targets import shard_products
-from workflow_runs import Run
+from workflow_runs import Run, kill_when
 
-#: How often whole runs are killed at random moments; some 10 s each.
+#: How often whole runs are killed while a random job works; some 10 s each.
 KILLS = int(os.environ.get("VIBRAVERSE_KILLS", "0"))
 
 
@@ -74,21 +74,23 @@ def right(made, tmp_path_factory) -> str:
     return products.sha256(shard)
 
 
+def partial_of(folder: Path, size: float) -> Callable[[], bool]:
+    """Return what tells whether a file that is being written in a folder has a size."""
+    return lambda: any(path.stat().st_size >= size for path in folder.glob(".*.partial.*"))
+
+
 def test_a_shard_killed_at_random_moments_is_whole_or_not_there(made, right, tmp_path):
-    draw, killed_while_writing = random.Random(6), 0
+    draw, killed = random.Random(6), 0
     shard = tmp_path / "shards/0.h5"
-    shard.parent.mkdir()
+    assert pack(made, shard).returncode == 0
+    size = shard.stat().st_size
     for _ in range(20):
-        process = subprocess.Popen(command(made, shard), stderr=subprocess.DEVNULL)
-        while process.poll() is None and not list(shard.parent.glob(".*.partial.*")):
-            time.sleep(0.002)
-        time.sleep(draw.uniform(0, 0.5))
-        killed_while_writing += process.poll() is None
-        process.kill()
-        process.wait()
-        assert not shard.exists() or products.sha256(shard) == right
         shard.unlink(missing_ok=True)
-    assert killed_while_writing >= 10
+        process = subprocess.Popen(command(made, shard), stderr=subprocess.DEVNULL, start_new_session=True)
+        killed += kill_when(process, partial_of(shard.parent, draw.uniform(0, 0.9) * size))
+        assert not shard.exists() or products.sha256(shard) == right
+    assert killed >= 10
+    shard.unlink(missing_ok=True)
     assert pack(made, shard).returncode == 0
     assert products.sha256(shard) == right
     assert [path.name for path in shard.parent.iterdir()] == ["0.h5"]
@@ -168,14 +170,6 @@ def test_new_objects_touch_only_their_shards():
         assert (shard_products(before, shard) == shard_products(after, shard)) == (shard not in touched)
 
 
-@pytest.fixture(scope="module")
-def finished(tmp_path_factory, root):
-    """An undisturbed run."""
-    run = Run(tmp_path_factory.mktemp("finished"), root)
-    run()
-    return run
-
-
 def copied(finished: Run, folder: Path, results: Path | None = None) -> Run:
     """Return a run in ``folder`` that has everything of the finished one but its dataset and what is made of that."""
     results = results or folder / "results"
@@ -187,37 +181,40 @@ def copied(finished: Run, folder: Path, results: Path | None = None) -> Run:
     return Run(folder, finished.root)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_a_run_killed_while_it_writes_shards(finished, tmp_path, seed):
+@pytest.mark.parametrize("share", [0.0, 0.3, 0.6])
+def test_a_run_killed_while_it_writes_shards(finished, tmp_path, share):
     run = copied(finished, tmp_path)
-    process = run.start()
-    shards = tmp_path / "results/dataset/shards"
-    while process.poll() is None and not list(shards.glob(".*.partial.*")):
-        time.sleep(0.005)
-    time.sleep(random.Random(seed).uniform(0, 0.4))
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    (shard,) = (finished.folder / "results/dataset/shards").glob("*.h5")
+    written = partial_of(tmp_path / "results/dataset/shards", share * shard.stat().st_size)
+    assert kill_when(run.start(), written)
     run()
     assert run.checksums() == finished.checksums()
     assert not list((tmp_path / "results").rglob(".*.partial.*"))
 
 
+#: A job that works until it is killed.
+JOB = """
+import time
+from vibraverse.contract import journal
+journal.begin("dataset", "00001", "")
+time.sleep(600)
+"""
+
+
 def test_a_run_waits_for_a_job_that_a_killed_one_left(finished, tmp_path):
     run = copied(finished, tmp_path)
     record = tmp_path / "results/dataset/dataset.json"
-    places = {name: tmp_path / "results/logs" / name for name in ("00001/dataset.log", "slices/1.log")}
-    for place in places.values():
-        place.parent.mkdir(exist_ok=True)
-    with places["00001/dataset.log"].open("a") as log, places["slices/1.log"].open("a") as slice_log:
-        job = subprocess.Popen(["sleep", "600"], stdout=log)
-        other = subprocess.Popen(["sleep", "600"], stdout=slice_log)
+    environment = {**run.environment, journal.RUN: "results/journal/runs/gone.json"}
+    job = subprocess.Popen([sys.executable, "-c", JOB], cwd=tmp_path, env=environment)
+    while not list(journal.begun(tmp_path / "results")):
+        time.sleep(0.05)
     with subprocess.Popen(
         run.command(), env=run.environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
     ) as process:
         try:
-            said = next(line for line in process.stdout if "of a run that is gone still computes" in line)
-            assert "(results/logs/00001/dataset.log); this run goes on when that has ended" in said
-            assert f"or is ended with `kill {job.pid}`" in said
+            said = next(line for line in process.stdout if "whose run was killed" in line)
+            assert f"dataset of 00001 is still computed by process {job.pid}" in said
+            assert f"To end it: `kill {job.pid}`" in said
             time.sleep(3)
             assert not record.exists()
         finally:
@@ -225,9 +222,6 @@ def test_a_run_waits_for_a_job_that_a_killed_one_left(finished, tmp_path):
             job.wait()
         process.stdout.read()
         assert process.wait() == 0
-        assert other.poll() is None
-    other.kill()
-    other.wait()
     assert run.checksums() == finished.checksums()
 
 
@@ -238,14 +232,10 @@ def test_runs_killed_at_random_moments_end_like_an_undisturbed_one(finished, tmp
         runs += 1
         run = Run(tmp_path / str(runs), finished.root)
         run.folder.mkdir()
+        before = killed
         while killed < KILLS and not (run.folder / "results/verdict.json").exists():
-            process = run.start()
-            try:
-                process.wait(draw.uniform(2, 15))
-            except subprocess.TimeoutExpired:
-                os.killpg(process.pid, signal.SIGKILL)
-                process.wait()
-                killed += 1
+            killed += kill_when(run.start(), run.at_work(draw.randrange(6)))
+        assert killed > before
         run()
         assert run.checksums() == finished.checksums()
         assert not list((run.folder / "results").rglob(".*.partial.*"))

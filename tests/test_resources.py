@@ -2,39 +2,43 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import asdict
+
 import h5py
 import pytest
 import yaml
 
 from vibraverse.commands.resources import snippet
+from vibraverse.contract import journal
+from vibraverse.contract.journal import Ended
 from vibraverse.flow.paths import Paths
 from vibraverse.upkeep import measured
 
-HEADER = "s\th:m:s\tmax_rss\tmax_vms\tmax_uss\tmax_pss\tio_in\tio_out\tmean_load\tcpu_time\n"
 
-
-def note(folder, name: str, seconds, memory) -> None:
-    """Write a measurement as Snakemake does."""
-    path = folder / "benchmarks" / name
+def note(folder, stage: str, name: str, solidity: str, wall_s, memory_mb, outcome=journal.DONE) -> None:
+    """Add the line of a job that ended to the journal."""
+    path = folder / f"journal/{name or stage}.jsonl"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(HEADER + f"{seconds}\t0:00:01\t{memory}\t-\t-\t-\t0\t0\t0\t1\n")
+    with path.open("a") as lines:
+        one = Ended(stage, name, solidity, outcome, wall_s, wall_s / 2, memory_mb)
+        lines.write(json.dumps(asdict(one)) + "\n")
 
 
 @pytest.fixture
 def results(tmp_path):
     """Three jobs of ``tets``, and four of ``basis`` whose memory is 200 MB and 50 MB per 1,000 unknowns."""
-    for number, (seconds, memory) in enumerate([(10, 400), (30, 900), (20, "NA")]):
-        note(tmp_path, f"o{number}/tets.solid.tsv", seconds, memory)
+    for number, (seconds, memory) in enumerate([(10, 400), (30, 900), (20, 650)]):
+        note(tmp_path, "tets", f"o{number}", "solid", seconds, memory)
     for number, size in enumerate([4000, 8000, 12000, 30000]):
-        note(tmp_path, f"o{number}/basis.hollow.tsv", 5 + number, 200 + 50 * size / 1000)
+        note(tmp_path, "basis", f"o{number}", "hollow", 5 + number, 200 + 50 * size / 1000)
         body = tmp_path / f"objects/o{number}/hollow"
         body.mkdir(parents=True)
         with h5py.File(body / "basis.h5", "w") as h5:
             h5.attrs["n_unknowns"] = size
     (tmp_path / "objects/o9/solid").mkdir(parents=True)
     (tmp_path / "objects/o9/solid/basis.h5").write_text('{"vibraverse_refusal": 1}')
-    note(tmp_path, "index.tsv", 0.2, "-")
-    (tmp_path / "benchmarks/o0/empty.tsv").write_text("")
+    note(tmp_path, "index", "", "", 0.2, 80)
     return tmp_path
 
 
@@ -51,18 +55,16 @@ def test_suggestions_follow_the_largest_job(results):
     assert (found["index"].mem_mb, found["index"].group) == (500, 9000)
 
 
-def test_the_larger_of_sample_and_log_counts(results):
-    log = results / "logs/o0/tets.solid.log"
-    log.parent.mkdir(parents=True)
-    for said, most in ((1234, 1234), (17, 900)):  # Snakemake noted 400 of this job and 900 of another
-        log.write_text(
-            f"vibraverse tets\nwrote x\ntets: done in 9.8 s, 12.5 s of CPU, at most {said} MB\n8 tetrahedra\n"
-        )
-        assert measured.suggest(measured.read(Paths(results)), 30)["tets"].most_mb == most
-    found = measured.read(Paths(results))["tets", "o0/tets.solid.tsv"]
-    assert (found.cpu_s, found.memory_mb) == (12.5, 400)
-    log.write_text("tets: done in 9.8 s, at most 700 MB\n")  # as earlier versions wrote it
-    assert measured.read(Paths(results))["tets", "o0/tets.solid.tsv"].memory_mb == 700
+def test_the_last_end_counts_and_a_failure_does_not(results):
+    note(results, "tets", "o1", "solid", 300, 9000, journal.FAILED)
+    note(results, "tets", "o0", "solid", 12, 1234)
+    (results / "journal/o7.jsonl").write_text("\0\0\0\n{}\n[1]\n")
+    found = measured.read(Paths(results))
+    assert [job for job in found if job[0] == "tets"] == [
+        ("tets", f"o{number}", "solid") for number in range(3)
+    ]
+    assert measured.suggest(found, 30)["tets"].most_mb == 1234
+    assert (found["tets", "o0", "solid"].wall_s, found["tets", "o1", "solid"].memory_mb) == (12, 900)
 
 
 def test_memory_grows_with_the_unknowns(results):
@@ -72,7 +74,7 @@ def test_memory_grows_with_the_unknowns(results):
     pairs = [(size, jobs[job].memory_mb) for job, size in sizes.items()]
     assert measured.growth(pairs) == pytest.approx((200, 50))
     assert measured.growth([(4000, 400.0), (4100, 410.0), (4200, 420.0)]) is None
-    assert measured.growth([(4000, 400.0), (40000, None), (50000, None)]) is None
+    assert measured.growth([(4000, 400.0), (40000, 800.0)]) is None
 
 
 def test_the_command_prints_lines_for_a_profile(results, vibraverse):
@@ -94,6 +96,6 @@ def test_the_snippet_names_every_rule(results):
 def test_nothing_measured_is_one_sentence(tmp_path, vibraverse):
     status, _, err = vibraverse("resources", "--results", tmp_path)
     assert (status, len(err.splitlines())) == (2, 1)
-    assert "holds no measurements; run the workflow first" in err
+    assert "journal notes no job that ended; run the workflow first" in err
     status, _, err = vibraverse("resources", "--results", tmp_path, "--group-minutes", 0)
     assert "--group-minutes must be more than 0" in err

@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+import json
 import os
-import shutil
 import subprocess
 import sys
 import time
 from collections import Counter
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
 
 from vibraverse.commands.status import _refused
 from vibraverse.config import parse
+from vibraverse.contract import journal
+from vibraverse.contract.journal import Ended, Mark
 from vibraverse.contract.refusal import Refusal
 from vibraverse.flow.plan import Plan
 from vibraverse.flow.targets import sounds, views
-from vibraverse.machine import locks
 from vibraverse.upkeep import progress
 
 CONFIG = """
@@ -26,6 +28,9 @@ materials: {steel: , wood: }
 images: {views: 2, looks: [clay]}
 """
 DONE, PARTLY, GONE, MISSING = (f"bar-000{number}" for number in range(4))
+BEGUN = Path("results/journal/begun")
+#: A process that there never is, and a machine.
+NOBODY, ELSEWHERE = 2**22 + 1, "node17"
 
 
 @pytest.fixture
@@ -45,9 +50,45 @@ def plan(tmp_path, monkeypatch) -> Plan:
                 object_id, stage, "not_a_solid" if object_id == GONE else "too_thin", "No."
             ).to_text()
             write(path, refusal if refused and "source" not in path else "a product")
-        write(f"results/benchmarks/{object_id}/basis.solid.tsv", "s\th:m:s\n30.0\t0:00:30\n")
-        write(f"results/benchmarks/{object_id}/audio.solid.tsv", "s\th:m:s\n60.0\t0:01:00\n")
+        note("basis", object_id, "solid", 30.0)
+        note("audio", object_id, "solid", 60.0)
     return plan
+
+
+def note(stage: str, object_id: str, solidity: str, wall_s: float, outcome: str = journal.DONE) -> None:
+    """Add the line of a job that ended to the journal."""
+    file = Path(f"results/journal/{object_id or stage}.jsonl")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with file.open("a") as lines:
+        one = Ended(stage, object_id, solidity, outcome, wall_s, wall_s, 100.0)
+        lines.write(json.dumps(asdict(one)) + "\n")
+
+
+@pytest.fixture
+def mark():
+    """Let a job be at work in this process, or as changed; a process that is none's stands for a killed job."""
+    marks = []
+
+    def begin(stage: str, object_id: str, solidity: str = "", ago: float = 0.0, **changes) -> Mark:
+        one = Mark(BEGUN, stage=stage, object=object_id, solidity=solidity)
+        marks.append(one)
+        changed = replace(one.worker, begun=time.time() - ago, **changes)
+        one.file.write_text(json.dumps(asdict(changed)))
+        if changed.process == NOBODY:
+            one.release()
+        return one
+
+    yield begin
+    for one in marks:
+        one.file.unlink(missing_ok=True)
+
+
+@pytest.fixture
+def run(plan):
+    """A run that works: this process."""
+    one = Mark(journal.runs_folder("results"))
+    yield one
+    one.remove()
 
 
 def object_products(plan: Plan, object_id: str) -> list[str]:
@@ -69,7 +110,7 @@ def write(path: str, text: str = "") -> None:
 
 
 def test_objects_and_jobs_are_counted_by_state(plan):
-    found = progress.survey(plan, None)
+    found = progress.survey(plan)
     assert found.objects == {"done": 2, "refused": 1, "missing": 1}
     assert found.in_part == 1
     assert found.jobs["sources"] == {"done": 3, "waiting": 1}
@@ -86,95 +127,96 @@ def test_objects_and_jobs_are_counted_by_state(plan):
 
 def test_a_job_is_done_when_all_its_products_are_there(plan):
     Path(f"results/objects/{DONE}/solid/sounds/wood.wav").unlink()
-    found = progress.survey(plan, None)
+    found = progress.survey(plan)
     assert found.objects == {"done": 1, "refused": 1, "missing": 1, "begun": 1}
     assert found.jobs["audio"] == {"done": 2, "refused": 3, "waiting": 3}
 
 
-def test_running_and_stopped_jobs_are_told_by_their_logs(plan):
+def test_running_and_stopped_jobs_are_told_by_their_marks(plan, mark):
     for product in ("tets.msh", "basis.h5", "modes.h5", "sounds/audio.json"):
         Path(f"results/objects/{DONE}/solid/{product}").unlink()
     log = f"results/logs/{DONE}/tets.solid.log"
-    later = f"results/logs/{DONE}/basis.solid.log"  # of an earlier time: its input is not even there
-    write(log, "vibraverse tets\n")
-    write(later, "vibraverse basis\n")
-    os.utime(log, (1000, 1000))
-    stopped = progress.survey(plan, None)
+    job = mark("tets", DONE, "solid", process=NOBODY)
+    mark("basis", DONE, "solid", process=NOBODY)  # of an earlier time: its input is not even there
+    mark("basis", PARTLY, "solid", process=NOBODY)  # made since by hand
+    stopped = progress.survey(plan)
     assert stopped.stopped == [log]
     assert stopped.jobs["tets"]["stopped"] == 1
     assert stopped.jobs["basis"]["stopped"] == 0
-    assert progress.survey(plan, 900.0).jobs["tets"]["running"] == 1
-    benchmark = f"results/benchmarks/{DONE}/tets.solid.tsv"  # it ended, and its products were deleted
-    write(benchmark, "s\th:m:s\n30.0\t0:00:30\n")
-    os.utime(benchmark, (1001, 1001))
-    ended = progress.survey(plan, None)
-    assert (ended.stopped, ended.jobs["tets"]["waiting"]) == ([], 3)
-    os.utime(benchmark, (999, 999))  # of the time before
-    assert progress.survey(plan, None).stopped == [log]
-    waiting = progress.survey(plan, 1100.0)
-    assert (waiting.running, waiting.jobs["tets"]["waiting"], waiting.stopped) == (0, 3, [])
+    run = Mark(journal.runs_folder("results"))
+    begins_anew = progress.survey(plan)
+    assert (begins_anew.jobs["tets"]["waiting"], begins_anew.stopped) == (3, [])
+    mark("tets", DONE, "solid", run=run.file.name)
+    running = progress.survey(plan)
+    assert (running.jobs["tets"]["running"], running.running, running.stopped) == (1, 1, [])
+    run.remove()
+    job.file.unlink()
+    orphaned = progress.survey(plan)
+    assert (orphaned.jobs["tets"]["running"], orphaned.running, orphaned.stopped) == (1, 0, [])
 
 
-def test_time_left_comes_from_the_benchmarks(plan):
+def test_time_left_comes_from_the_journal(plan):
+    note("basis", DONE, "solid", 99.0, journal.FAILED)
+    with open(f"results/journal/{DONE}.jsonl", "a") as lines:
+        lines.write('{"stage": "basis", "obj')  # the power failed
     means = progress.mean_seconds(plan)
     assert means == {"basis": 30.0, "audio": 60.0}
-    seconds, unknown = progress.seconds_left(progress.survey(plan, None), means)
+    seconds, unknown = progress.seconds_left(progress.survey(plan), means)
     assert seconds == 2 * 30 + 2 * 60
     assert unknown == ["clean", "grids", "hollow", "images", "modes", "sources", "tets"]
 
 
-def begin(plan: Plan, stage: str, ago: float) -> str:
-    """Take the products of a stage of the first object's solid body away, and let its log be written some time ago."""
-    for product in {"basis": ("basis.h5", "modes.h5", "sounds/audio.json"), "audio": ("sounds/audio.json",)}[
-        stage
-    ]:
+def undo(stage: str) -> str:
+    """Take the products of a stage of the first object's solid body away; return its log."""
+    products = {"basis": ("basis.h5", "modes.h5", "sounds/audio.json"), "audio": ("sounds/audio.json",)}
+    for product in products[stage]:
         Path(f"results/objects/{DONE}/solid/{product}").unlink()
-    Path(f"results/benchmarks/{DONE}/{stage}.solid.tsv").rename(
-        f"results/benchmarks/{PARTLY}/{stage}.hollow.tsv"
-    )
-    log = f"results/logs/{DONE}/{stage}.solid.log"
-    write(log, f"vibraverse {stage}\n")
-    os.utime(log, (time.time() - ago,) * 2)
-    return log
+    return f"results/logs/{DONE}/{stage}.solid.log"
 
 
 @pytest.mark.parametrize(("ago", "rest"), [(10, 20), (500, 0)])
-def test_what_running_jobs_have_behind_them_is_not_left(plan, ago, rest):
-    begin(plan, "basis", ago)
+def test_what_running_jobs_have_behind_them_is_not_left(plan, run, mark, ago, rest):
+    undo("basis")
+    mark("basis", DONE, "solid", ago, run=run.file.name)
     now = time.time()
-    found = progress.survey(plan, now - 1000)
+    found = progress.survey(plan)
     assert (found.running, found.left()["basis"]) == (1, 3)
     seconds, _ = progress.seconds_left(found, progress.mean_seconds(plan), now)
     assert seconds == pytest.approx(2 * 30 + rest + 3 * 60, abs=1)
 
 
-def test_jobs_that_run_are_named_with_their_begin(plan, vibraverse, monkeypatch):
-    log = begin(plan, "basis", 500)
-    for name in ("index", "dataset/00000"):
-        write(f"results/logs/{name}.log", "vibraverse\n")
-    monkeypatch.setattr(locks, "run_since", lambda _: time.time() - 1000)
+def test_jobs_that_run_are_named_with_their_begin(plan, run, mark, vibraverse):
+    log = undo("basis")
+    begun = mark("basis", DONE, "solid", 500, run=run.file.name, host=ELSEWHERE, locked=False)
+    mark("index", "", ago=400, run=run.file.name)
+    mark("dataset", "00000", run=run.file.name)
     out = vibraverse("status")[1]
     assert (
         "A run works, on 1 job of objects. Left: 4 min for one job at a time; more, because 1 job already"
         in out
     )
-    since = time.strftime("%H:%M", time.localtime(os.stat(log).st_mtime))
+    since = time.strftime("%H:%M", time.localtime(json.loads(begun.file.read_text())["begun"]))
     lines = out.splitlines()
     place = lines.index("running, the longest first:")
-    assert lines[place + 1].endswith(f"{since} (8 min, 30 s on average): {log}")
+    assert lines[place + 1].endswith(f"{since} (8 min, 30 s on average), on {ELSEWHERE}: {log}")
     assert lines[place + 2].startswith("    index since ")
+    assert lines[place + 2].endswith(": results/logs/index.log")
+    assert lines[place + 3].endswith(": results/logs/00000/dataset.log")
     for name in (DONE, PARTLY, GONE):
-        shutil.rmtree(f"results/benchmarks/{name}")
+        Path(f"results/journal/{name}.jsonl").unlink()
     assert vibraverse("status")[1].endswith(" No job has ended yet, so the time left is not known.\n")
-    write(f"results/benchmarks/{DONE}/dataset.00000.tsv", "s\th:m:s\n3.0\t0:00:03\n")
+    for product in ("source.mesh", "source.json"):
+        write(f"results/objects/{MISSING}/{product}")
+    note("sources", DONE, "", 3.0)
     assert vibraverse("status")[1].endswith(
-        " No job of audio, basis, clean, grids, hollow, images, modes, sources, tets has ended yet, "
+        " No job of audio, basis, clean, grids, hollow, images, modes, tets has ended yet, "
         "so the time left is not known.\n"
     )
 
 
-def test_only_some_of_many_running_jobs_are_named(plan, vibraverse, monkeypatch):
-    works = [progress.Work("tets", f"{number}.log", time.time() - number) for number in range(9)]
+def test_only_some_of_many_running_jobs_are_named(plan, run, vibraverse, monkeypatch):
+    begun = [replace(run.worker, stage="tets", begun=time.time() - number) for number in range(9)]
+    works = [progress.Work(worker, run.file, f"{number}.log") for number, worker in enumerate(begun)]
     found = progress.Survey(works=works)
     monkeypatch.setattr("vibraverse.commands.status.survey", lambda *_: found)
     out = vibraverse("status")[1]
@@ -183,27 +225,57 @@ def test_only_some_of_many_running_jobs_are_named(plan, vibraverse, monkeypatch)
     assert "    … and 4 more\n" in out
 
 
-@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems do not tell")
-@pytest.mark.parametrize("slurm_job", [None, "17"])
-def test_a_job_that_a_killed_run_left_is_seen(plan, vibraverse, slurm_job):
-    log = begin(plan, "basis", 500)
-    inside = {**os.environ, "SLURM_JOB_ID": slurm_job} if slurm_job else None
-    with (
-        open(log, "a") as file,
-        subprocess.Popen(["sleep", "20"], stdout=file, stderr=file, env=inside) as job,
-    ):
-        for started in (None, time.time()):  # no run, or one that has not come to this job
-            found = progress.survey(plan, started)
-            assert [(work.log, work.orphan) for work in found.works] == [(log, job.pid)]
-            assert (found.jobs["basis"]["running"], found.running, found.stopped) == (1, 0, [])
+#: A job that works until it is killed.
+JOB = """
+from pathlib import Path
+from vibraverse.contract.journal import Mark
+facts = {"run": "gone", "stage": "basis", "object": "bar-0000", "solidity": "solid"}
+print(Mark(Path("results/journal/begun"), **facts).file, flush=True)
+input()
+"""
+
+
+@pytest.mark.parametrize("slurm_job", ["", "17"])
+@pytest.mark.parametrize("other_run", [False, True])
+def test_a_job_that_a_killed_run_left_is_seen(plan, vibraverse, slurm_job, other_run):
+    log = undo("basis")
+    run = Mark(journal.runs_folder("results")) if other_run else None  # one that has not come to this job
+    with subprocess.Popen(
+        [sys.executable, "-c", JOB],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        env={**os.environ, "SLURM_JOB_ID": slurm_job},
+    ) as job:
+        assert job.stdout.readline()
+        found = progress.survey(plan)
+        assert [(work.log, work.worker.process, work.orphaned) for work in found.works] == [
+            (log, job.pid, True)
+        ]
+        assert (found.jobs["basis"]["running"], found.running, found.stopped) == (1, 0, [])
         out = vibraverse("status")[1]
         assert f", process {job.pid} of a run that is gone: {log}\n" in out
         assert (
-            "No run works. 1 job of a run that is gone still computes: before the next run wait for its end, or end "
-            f"it with `{f'scancel {slurm_job}' if slurm_job else f'kill {job.pid}'}`. Left: "
+            f"{'A run works, on 0 jobs of objects.' if run else 'No run works.'} 1 job of a run that is gone "
+            "still computes: before the next run wait for its end, or end it with "
+            f"`{f'scancel {slurm_job}' if slurm_job else f'kill {job.pid}'}`. Left: "
         ) in out
         job.kill()
-    assert progress.survey(plan, None).stopped == [log]
+    if run:
+        run.remove()
+    assert progress.survey(plan).stopped == [log]
+
+
+def test_without_locks_an_orphan_of_another_machine_counts_until_its_file_is_deleted(plan, mark, vibraverse):
+    undo("basis")
+    job = mark("basis", DONE, "solid", host=ELSEWHERE, process=12, locked=False)
+    out = vibraverse("status")[1]
+    assert f", process 12 on {ELSEWHERE} of a run that is gone: " in out
+    assert (
+        f"`kill 12` on {ELSEWHERE}; where it is gone already, `rm {job.file}` (no locks tell of other machines)"
+        in out
+    )
+    job.file.unlink()
+    assert "of a run that is gone" not in vibraverse("status")[1]
 
 
 @pytest.mark.parametrize(
@@ -226,7 +298,7 @@ def test_an_object_whose_bodies_are_all_refused_counts_once(plan):
     for path in object_products(plan, PARTLY):
         if "/solid/" in path:
             write(path, Refusal(PARTLY, "tets", "meshing_failed", "No.").to_text())
-    found = progress.survey(plan, None)
+    found = progress.survey(plan)
     assert found.objects == {"done": 1, "refused": 2, "missing": 1}
     assert (found.in_part, found.body_by_body, len(found.refusals)) == (0, 1, 3)
 
@@ -260,7 +332,7 @@ def test_a_folder_may_be_named_in_any_way(plan, vibraverse, monkeypatch):
 
 
 def test_a_run_that_works_is_noticed_by_its_lock(plan, vibraverse):
-    assert locks.run_since("results") is None
+    assert "No run works." in vibraverse("status")[1]
     program = (
         "from vibraverse.machine.locks import only_run; only_run('results'); print(1, flush=True); input()"
     )
@@ -268,10 +340,11 @@ def test_a_run_that_works_is_noticed_by_its_lock(plan, vibraverse):
         [sys.executable, "-c", program], stdin=subprocess.PIPE, stdout=subprocess.PIPE
     ) as run:
         assert run.stdout.readline()
-        assert locks.run_since("results") == pytest.approx(os.stat("results/.run.lock").st_mtime)
+        assert [worker.process for worker in journal.working_runs("results").values()] == [run.pid]
         assert "A run works, on 0 jobs of objects." in vibraverse("status")[1]
-        run.communicate(b"\n")
-    assert locks.run_since("results") is None
+        run.kill()
+        run.wait()
+        assert "No run works." in vibraverse("status")[1]
 
 
 def test_a_wrong_configuration_is_one_sentence(plan, vibraverse):

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import pytest
 
 import shapes
+from vibraverse.contract import journal
 from vibraverse.files.meshes import write_ply
-from vibraverse.machine import warm
+from vibraverse.machine import locks, warm
 from vibraverse.machine.threads import asked_threads
 
 COMMANDS = Path(sys.executable).parent
@@ -137,6 +138,18 @@ def test_a_job_gives_the_same_bytes_and_log(process, tmp_path):
     assert [line for line in said["warm"] if "done in" not in line] == [
         line for line in said["cold"] if "done in" not in line
     ]
+
+
+def test_a_job_notes_itself_in_the_journal_of_its_run(process, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with locks.only_run("results") as run:
+        assert sources(tmp_path, {**process[1], journal.RUN: str(run.file)}).returncode == 0
+    (line,) = Path("results/journal/bar-0000.jsonl").read_text().splitlines()
+    noted = json.loads(line)
+    assert (noted["stage"], noted["outcome"], noted["run"]) == ("sources", "done", run.file.name)
+    assert noted["wall_s"] < 60  # since the fork, not since the warm process began
+    assert noted["begun"] > run.file.parent.stat().st_ctime - 60
+    assert list(journal.begun("results")) == []
 
 
 def test_a_failure_keeps_its_exit_status_and_words(process, tmp_path):

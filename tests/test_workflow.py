@@ -4,19 +4,21 @@ from __future__ import annotations
 
 import itertools
 import json
-import os
 import random
 import re
 import shutil
-import signal
+import subprocess
 import time
+from pathlib import Path
 
 import pytest
 import yaml
 
+from vibraverse.contract import journal
 from vibraverse.contract.refusal import read_refusal
-from vibraverse.machine import locks
-from workflow_runs import Run
+from vibraverse.flow.paths import Paths
+from vibraverse.upkeep import measured
+from workflow_runs import Run, kill_when
 
 LATER = {"dataset": 1, "index": 1, "report": 1, "verdict": 1, "all": 1}
 
@@ -69,6 +71,26 @@ def test_strike_gives_the_workflows_frequencies(finished, tmp_path, vibraverse, 
     facts = json.loads((tmp_path / "a.json").read_text())
     assert facts["frequencies_hz"] == pytest.approx(expected, rel=1e-4)
     assert facts["volume_m3"] == pytest.approx(volume_m3, rel=1e-9)
+
+
+def test_every_job_is_in_the_journal(finished, vibraverse):
+    results = finished.folder / "results"
+    jobs = measured.read(Paths(results))
+    per_object, per_body = (
+        ("sources", "clean", "grids", "hollow", "images"),
+        ("tets", "basis", "modes", "audio"),
+    )
+    (shard,) = (path.stem for path in (results / "dataset/shards").glob("*.h5"))
+    assert set(jobs) == {
+        *((stage, "bar-0000", "") for stage in per_object),
+        *((stage, "bar-0000", solidity) for stage in per_body for solidity in ("solid", "hollow")),
+        ("dataset", shard, ""), ("index", "", ""), ("report", "", ""),
+    }  # fmt: skip
+    assert {job.outcome for job in jobs.values()} == {"done"}
+    assert len({job.run for job in jobs.values()}) == 1
+    assert not list(journal.begun(results))
+    assert not list(journal.runs(results))
+    assert "\ntets " in vibraverse("resources", "--results", results)[1]
 
 
 def test_snakemakes_own_report(finished, tmp_path):
@@ -126,65 +148,63 @@ def test_a_change_reruns_what_depends_on_it(changed, section, key, value, expect
     assert changed.plan()[0] == expected
 
 
-def test_editing_a_stage_version_reruns_from_there(changed, monkeypatch):
-    """Stage versions are parameters of the rules; here one is raised through a copy of the package."""
-    from vibraverse.flow.plan import Plan
-    from vibraverse.stages import VERSIONS
+@pytest.mark.parametrize(
+    ("stage", "expected"),
+    [
+        ("tets", {**dict.fromkeys(("tets", "basis", "modes", "audio"), 2), **LATER}),
+        ("index", {"index": 1, "report": 1, "verdict": 1, "all": 1}),
+    ],
+)
+def test_raising_a_stage_version_reruns_from_there(changed, tmp_path, stage, expected):
+    """In a copy of the project."""
+    for name in ("Snakefile", "workflow", "envs", "containers"):
+        here, there = changed.root / name, tmp_path / name
+        if here.is_dir():
+            shutil.copytree(here, there, ignore=shutil.ignore_patterns("__pycache__"))
+        else:
+            shutil.copy(here, there)
+    steps = tmp_path / "workflow/vibraverse/flow/steps.py"
+    raised, count = re.subn(
+        rf'(name="{stage}",\s+version=)(\d+)',
+        lambda found: f"{found[1]}{int(found[2]) + 1}",
+        steps.read_text(),
+    )
+    assert count == 1
+    copy = Run(changed.folder, tmp_path)
+    assert copy.plan()[0] == {}
+    steps.write_text(raised)
+    assert copy.plan()[0] == expected
 
-    assert set(VERSIONS) >= {
-        "sources",
-        "clean",
-        "grids",
-        "hollow",
-        "tets",
-        "basis",
-        "modes",
-        "audio",
-        "images",
-    }
-    for rule in VERSIONS:
-        assert f'VERSIONS["{rule}"]' in "".join(
-            path.read_text() for path in (changed.root / "workflow/rules").glob("*.smk")
-        )
-    assert Plan(changed.config).objects
 
+def test_killed_and_repeated(finished, tmp_path):
+    """SIGKILL of the whole process group while jobs work; the same command finishes with the same bytes.
 
-@pytest.mark.parametrize("seed", [1, 2])
-def test_killed_and_repeated(finished, tmp_path, seed):
-    """SIGKILL of the whole process group at a random moment; the same command finishes with the same bytes."""
-    run = Run(tmp_path, finished.root)
-    process = run.start()
-    time.sleep(random.Random(seed).uniform(6, 25))
-    if process.poll() is None:
-        os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    Only one run may work at a time, and a killed one is no hindrance.
+    """
+    run, draw = Run(tmp_path, finished.root), random.Random(1)
+    for kill in range(3):
+        process = run.start()
+        at_work = run.at_work(draw.randrange(5))
+        if kill == 0:
+            wait_until_begun(process, tmp_path / "results")
+            second = run(check=False)
+            assert second.returncode == 1
+            said = second.stdout + second.stderr
+            assert f"another run (process {process.pid}) is working in results; wait for it" in said
+        assert kill_when(process, at_work)
+        assert not journal.working_runs(tmp_path / "results")
+        assert list(journal.begun(tmp_path / "results"))
     run()
     assert run.checksums() == finished.checksums()
     assert not list((tmp_path / "results").rglob(".*.partial.*"))
+    assert not list(journal.begun(tmp_path / "results"))
 
 
-def wait_until_held(results) -> None:
+def wait_until_begun(process: subprocess.Popen, results: Path) -> None:
     """Wait until a run holds the results folder."""
-    for _ in range(300):
-        if locks.lock_file(results).is_file():
-            with open(locks.lock_file(results), "a+") as lock:
-                if locks.holder(lock.fileno()) is not None:
-                    return
-        time.sleep(0.1)
-    raise AssertionError("no run began")
-
-
-def test_only_one_run_at_a_time(finished, tmp_path):
-    run = Run(tmp_path, finished.root)
-    process = run.start()
-    try:
-        wait_until_held(tmp_path / "results")
-        second = run(check=False)
-        assert second.returncode == 1
-        assert f"another run (process {process.pid}) is working in results" in second.stdout + second.stderr
-    finally:
-        os.killpg(process.pid, signal.SIGKILL)
-        process.wait()
+    while not journal.working_runs(results):
+        assert process.poll() is None
+        time.sleep(0.05)
 
 
 def test_a_configuration_file_stands_alone(finished, tmp_path):

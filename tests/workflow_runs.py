@@ -6,11 +6,16 @@ import copy
 import hashlib
 import os
 import re
+import signal
 import subprocess
 import sys
+import time
+from collections.abc import Callable
 from pathlib import Path
 
 import yaml
+
+from vibraverse.contract import journal
 
 #: One small bar, linear elements, few modes: every rule runs, none for long.
 TINY = {
@@ -45,8 +50,9 @@ class Run:
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment with this interpreter's commands first, because rules call ``vibraverse``."""
-        return {**os.environ, "PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"}
+        """The environment with this interpreter's commands first, since rules call ``vibraverse``: that of ``root``."""
+        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        return {**os.environ, "PATH": path, "PYTHONPATH": str(self.root / "workflow")}
 
     def __call__(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess:
         done = subprocess.run(
@@ -72,6 +78,19 @@ class Run:
             start_new_session=True,
         )
 
+    def at_work(self, after: int = 0) -> Callable[[], bool]:
+        """Return what tells whether a job works, ``after`` so many others of this start have begun."""
+        results = self.folder / self.config["results"]
+        before = {file for file, _ in journal.begun(results)}
+        seen: set[Path] = set()
+
+        def works() -> bool:
+            marks = [(file, job) for file, job in journal.begun(results) if file not in before]
+            seen.update(file for file, _ in marks)
+            return len(seen) > after and any(journal.works(*mark) for mark in marks)
+
+        return works
+
     def plan(self, *targets: str) -> tuple[dict[str, int], str]:
         """Return the jobs Snakemake would run for the targets, counted by rule, and its whole output."""
         done = self("--dry-run", *targets)
@@ -81,12 +100,30 @@ class Run:
         return {rule: int(count) for rule, count in rows.items()}, text
 
     def checksums(self) -> dict[str, str]:
-        """Return the SHA-256 of every product. Logs and benchmarks hold times, as do files of Snakemake."""
+        """Return the SHA-256 of every product. Logs and the journal hold times, as do files of Snakemake."""
         results = self.folder / self.config["results"]
         return {
             str(path.relative_to(results)): hashlib.sha256(path.read_bytes()).hexdigest()
             for path in sorted(results.rglob("*"))
             if path.is_file()
             and path.name != ".snakemake_timestamp"
-            and path.relative_to(results).parts[0] not in ("logs", "benchmarks", ".run.lock")
+            and path.relative_to(results).parts[0] not in ("logs", "journal", ".run.lock")
         }
+
+
+def kill_when(process: subprocess.Popen, at_work: Callable[[], bool]) -> bool:
+    """Kill a process and its group in a moment in which ``at_work()`` holds; return whether there was one.
+
+    The group stands still while it is asked, so that the kill hits what was at work.
+    """
+    while process.poll() is None:
+        if at_work():
+            os.killpg(process.pid, signal.SIGSTOP)
+            time.sleep(0.05)  # until all of them do stand still
+            if at_work():
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+                return True
+            os.killpg(process.pid, signal.SIGCONT)
+        time.sleep(0.002)
+    return False

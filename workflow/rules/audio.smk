@@ -9,8 +9,6 @@ rule audio:
         sounds=directory(paths.sounds),
     log:
         paths.log("audio", "object", "solidity"),
-    benchmark:
-        paths.benchmark("audio", "object", "solidity")
     conda:
         "../../envs/fem.yaml"
     container:

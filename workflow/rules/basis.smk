@@ -8,8 +8,6 @@ rule basis:
         basis=paths.basis,
     log:
         paths.log("basis", "object", "solidity"),
-    benchmark:
-        paths.benchmark("basis", "object", "solidity")
     conda:
         "../../envs/fem.yaml"
     container:

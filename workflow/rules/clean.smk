@@ -10,8 +10,6 @@ rule clean:
         record=paths.clean_record,
     log:
         paths.log("clean", "object"),
-    benchmark:
-        paths.benchmark("clean", "object")
     conda:
         "../../envs/geometry.yaml"
     container:

@@ -10,8 +10,6 @@ if not plan.joins:
             shard=paths.shard,
         log:
             paths.log("dataset", "shard"),
-        benchmark:
-            paths.benchmark("dataset", "shard")
         conda:
             "../../envs/dataset.yaml"
         container:

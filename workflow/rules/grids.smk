@@ -9,8 +9,6 @@ rule grids:
         coarse=paths.coarse,
     log:
         paths.log("grids", "object"),
-    benchmark:
-        paths.benchmark("grids", "object")
     conda:
         "../../envs/geometry.yaml"
     container:

@@ -10,8 +10,6 @@ rule hollow:
         record=paths.hollow_record,
     log:
         paths.log("hollow", "object"),
-    benchmark:
-        paths.benchmark("hollow", "object")
     conda:
         "../../envs/geometry.yaml"
     container:

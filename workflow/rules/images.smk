@@ -8,8 +8,6 @@ rule images:
         views=directory(paths.views),
     log:
         paths.log("images", "object"),
-    benchmark:
-        paths.benchmark("images", "object")
     conda:
         "../../envs/render.yaml"
     container:

@@ -18,8 +18,6 @@ rule index:
         sums=paths.dataset_sums,
     log:
         paths.log("index"),
-    benchmark:
-        paths.benchmark("index")
     conda:
         "../../envs/dataset.yaml"
     container:

@@ -10,8 +10,6 @@ rule modes:
         modes=paths.modes,
     log:
         paths.log("modes", "object", "solidity"),
-    benchmark:
-        paths.benchmark("modes", "object", "solidity")
     conda:
         "../../envs/fem.yaml"
     container:

@@ -1,10 +1,11 @@
 # What a run needs of the machine, asked before its first job. Included last: every rule is known.
+import os
 from collections import Counter
 
 from snakemake.settings.types import DeploymentMethod
 
-from vibraverse.machine import slurm
-from vibraverse.machine.locks import only_run, wait_for_jobs_of_gone_runs
+from vibraverse.contract import journal
+from vibraverse.machine import locks, slurm
 from vibraverse.machine.warm_process import keep_warm
 
 slurm.be_patient()
@@ -39,9 +40,11 @@ if not workflow.is_main_process and "slurm-jobstep" not in sys.argv:
 
 onstart:
     patches.planned()
-    only_run(paths.results, plan.owned)
+    # Jobs inherit it, also through Slurm, and write the journal of this run.
+    os.environ[journal.RUN] = str(locks.only_run(paths.results, plan.owned).file)
     preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = list(workflow.dag.needrun_jobs())
+    orphans = locks.orphans(paths.results, None if plan.owned is None else [*plan.objects, *plan.shards])
     if in_containers:
         preflight.stop_without(
             preflight.images, [job.container_img_url for job in waiting if job.container_img_url]
@@ -54,8 +57,7 @@ onstart:
         )
     if workflow.executor_plugin.name == "local":
         preflight.stop_without(preflight.local_gpus, [(job.rule.name, job.resources) for job in waiting])
-        mine = None if plan.owned is None else [*plan.objects, *plan.shards]
-        wait_for_jobs_of_gone_runs(f"{paths.results}/logs", mine)
+        locks.wait_for(orphans)
         warm_up([(job.rule.name, job.container_img_path) for job in waiting])
     if workflow.executor_plugin.name == "slurm":
         preflight.stop_without(

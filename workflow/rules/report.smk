@@ -12,8 +12,6 @@ rule report:
         page=paths.report,
     log:
         paths.log("report"),
-    benchmark:
-        paths.benchmark("report")
     conda:
         "../../envs/report.yaml"
     container:

@@ -9,8 +9,6 @@ rule sources:
         record=paths.source_record,
     log:
         paths.log("sources", "object"),
-    benchmark:
-        paths.benchmark("sources", "object")
     conda:
         "../../envs/geometry.yaml"
     container:

@@ -9,8 +9,6 @@ rule tets:
         record=paths.tets_record,
     log:
         paths.log("tets", "object", "solidity"),
-    benchmark:
-        paths.benchmark("tets", "object", "solidity")
     conda:
         "../../envs/geometry.yaml"
     container:

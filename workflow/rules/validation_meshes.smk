@@ -6,8 +6,6 @@ rule validation_meshes:
         meshes=paths.validation_meshes,
     log:
         paths.log("validation_meshes", "body"),
-    benchmark:
-        paths.benchmark("validation_meshes", "body")
     conda:
         "../../envs/geometry.yaml"
     container:

@@ -8,8 +8,6 @@ rule validation_modes:
         record=paths.validation_comparison,
     log:
         paths.log("validation_modes", "body"),
-    benchmark:
-        paths.benchmark("validation_modes", "body")
     conda:
         "../../envs/fem.yaml"
     container:

@@ -10,8 +10,6 @@ rule validation_table:
         plot=report(paths.validation_plot, caption="../report/convergence.rst", category="Validation"),
     log:
         paths.log("validation_table"),
-    benchmark:
-        paths.benchmark("validation_table")
     conda:
         "../../envs/report.yaml"
     container:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -163,7 +162,7 @@ def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refu
 def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
     for name in asked:
         _known(name, [*REASONS, *found], "reason or object")
-    with locks.only_run(paths.results) or nullcontext():
+    with locks.only_run(paths.results):
         _delete(paths, found, asked)
     return 0
 

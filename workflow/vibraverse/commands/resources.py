@@ -1,4 +1,4 @@
-"""``vibraverse resources``: memory, time and group sizes for each rule, from the files its jobs were measured in."""
+"""``vibraverse resources``: memory, time and group sizes for each rule, from the journal of its jobs."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ def main(argv: list[str]) -> int:
     paths = run_paths(chosen)
     jobs = measured.read(paths)
     if not jobs:
-        raise UsageError(f"{paths.results}/benchmarks holds no measurements; run the workflow first")
+        raise UsageError(f"{paths.journal} notes no job that ended; run the workflow first")
     suggestions = measured.suggest(jobs, chosen.group_minutes)
     print(table(suggestions))
     sizes = measured.unknowns(paths)
-    for rule in sorted({rule for rule, _ in sizes}):
+    for rule in sorted({job[0] for job in sizes}):
         pairs = [(sizes[job], jobs[job].memory_mb) for job in sizes if job in jobs and job[0] == rule]
         line = measured.growth(pairs)
         if line is not None:

@@ -7,12 +7,11 @@ import math
 import os
 import time
 from collections import Counter
-from pathlib import Path
 
 from vibraverse.commands import run_arguments, run_config
 from vibraverse.contract.texts import counted
 from vibraverse.flow.plan import Plan
-from vibraverse.machine import locks
+from vibraverse.machine.locks import ending
 from vibraverse.upkeep.progress import Survey, Work, mean_seconds, seconds_left, survey
 
 #: Running jobs, and stopped ones, whose logs are named.
@@ -29,13 +28,12 @@ def main(argv: list[str]) -> int:
     )
     chosen = parser.parse_args(argv)
     plan = Plan(run_config(chosen))
-    started = locks.run_since(plan.paths.results)
-    found = survey(plan, started)
+    found = survey(plan)
     print(_objects(plan, found))
     means = mean_seconds(plan)
     print(_stages(found, means))
     print(_dataset(plan))
-    print(_rest(found, means, started is not None))
+    print(_rest(found, means))
     return 0
 
 
@@ -83,7 +81,7 @@ def _stages(found: Survey, means: dict[str, float]) -> str:
             lines.append(f"{stage:<10}" + "".join(f"{counts[state]:>9}" for state in states))
     if found.works:
         lines.append("running, the longest first:")
-        works = sorted(found.works, key=lambda work: work.since)
+        works = sorted(found.works, key=lambda work: work.worker.begun)
         lines += [_work(work, means) for work in works[:_SHOWN]]
         lines += [f"    … and {len(works) - _SHOWN} more"] if len(works) > _SHOWN else []
     if found.stopped:
@@ -95,12 +93,15 @@ def _stages(found: Survey, means: dict[str, float]) -> str:
 
 def _work(work: Work, means: dict[str, float]) -> str:
     """Return the line of a job that runs: since when, how long jobs of its stage take, its log."""
-    begun = time.localtime(work.since)
+    worker = work.worker
+    begun = time.localtime(worker.begun)
     today = begun[:3] == time.localtime()[:3]
     since = time.strftime("%H:%M" if today else "%Y-%m-%d %H:%M", begun)
-    mean = f", {_time(means[work.stage])} on average" if work.stage in means else ""
-    orphan = f", process {work.orphan} of a run that is gone" if work.orphan else ""
-    return f"    {work.stage} since {since} ({_time(max(0.0, time.time() - work.since))}{mean}){orphan}: {work.log}"
+    mean = f", {_time(means[worker.stage])} on average" if worker.stage in means else ""
+    where = "" if worker.is_here else f", on {worker.host}"
+    where = f", {worker} of a run that is gone" if work.orphaned else where
+    lasts = _time(max(0.0, time.time() - worker.begun))
+    return f"    {worker.stage} since {since} ({lasts}{mean}){where}: {work.log}"
 
 
 def _dataset(plan: Plan) -> str:
@@ -115,33 +116,18 @@ def _dataset(plan: Plan) -> str:
     return f"\ndataset: {there} of {len(shards)} shards, {ends}"
 
 
-def _ending(processes: list[int]) -> str:
-    """Return the commands that end processes, or the Slurm jobs that they are part of."""
-    jobs = {process: _slurm_job(process) for process in processes}
-    scancel = [*dict.fromkeys(filter(None, jobs.values()))]
-    kill = [str(process) for process, job in jobs.items() if not job]
-    commands = [f"`{name} {' '.join(ids)}`" for name, ids in (("scancel", scancel), ("kill", kill)) if ids]
-    return " and ".join(commands)
-
-
-def _slurm_job(process: int) -> str | None:
-    """Return the id of the Slurm job that a process of this machine belongs to."""
-    try:
-        variables = Path(f"/proc/{process}/environ").read_bytes().split(b"\0")
-    except OSError:
-        return None
-    return next((line[13:].decode() for line in variables if line.startswith(b"SLURM_JOB_ID=")), None)
-
-
-def _rest(found: Survey, means: dict[str, float], works: bool) -> str:
+def _rest(found: Survey, means: dict[str, float]) -> str:
     """Return how long the rest takes, by the mean times of the jobs so far."""
-    state = f"A run works, on {counted(found.running, 'job')} of objects." if works else "No run works."
-    orphans = [work.orphan for work in found.works if work.orphan]
+    state = "No run works."
+    if found.runs:
+        runs = "A run works" if found.runs == 1 else f"{found.runs} runs work"
+        state = f"{runs}, on {counted(found.running, 'job')} of objects."
+    orphans = [(work.file, work.worker) for work in found.works if work.orphaned]
     if orphans:
         computes, its, it = ("computes", "its", "it") if len(orphans) == 1 else ("compute", "their", "them")
         state += (
             f" {counted(len(orphans), 'job')} of a run that is gone still {computes}: before the next run "
-            f"wait for {its} end, or end {it} with {_ending(orphans)}."
+            f"wait for {its} end, or end {it} with {ending(orphans)}."
         )
     if not sum(found.left().values()):
         return f"{state} No jobs of objects are left."
@@ -152,7 +138,9 @@ def _rest(found: Survey, means: dict[str, float], works: bool) -> str:
     text = f"{state} Left: {_time(seconds)} for one job at a time"
     if found.running > 1:
         text += f", {_time(seconds / found.running)} for {found.running}"
-    outlast = sum(time.time() - work.since > means.get(work.stage, math.inf) for work in found.works)
+    outlast = sum(
+        time.time() - work.worker.begun > means.get(work.worker.stage, math.inf) for work in found.works
+    )
     if outlast:
         take = "takes" if outlast == 1 else "take"
         text += f"; more, because {counted(outlast, 'job')} already {take} longer than on average"

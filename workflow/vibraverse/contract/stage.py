@@ -1,7 +1,8 @@
 """How a stage runs: files in, files out, refusals passed on.
 
 :func:`run` gives every stage its contract: the log opens with the command that repeats it, refused inputs are passed on
-at no cost, products appear whole or not at all, and a refusal is written where the products would have been.
+at no cost, products appear whole or not at all, a refusal is written where the products would have been, and the
+journal of the run says who works and what each job took.
 """
 
 from __future__ import annotations
@@ -19,10 +20,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from vibraverse import __version__
-from vibraverse.contract import products
+from vibraverse.contract import journal, products
 from vibraverse.contract.errors import NotStored, Refused, UsageError
 from vibraverse.contract.refusal import Refusal, read_refusal
-from vibraverse.contract.step import Step
+from vibraverse.contract.step import SHARD, Step
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -50,6 +51,11 @@ class Job:
     threads: int = 1
     outputs: dict[str, Path] = field(default_factory=dict)
 
+    @property
+    def work_folder(self) -> Path:
+        """Where :attr:`work` is, or would be: beside the first product."""
+        return products.work_folder(next(iter(self.final.values())))
+
     @cached_property
     def work(self) -> Path:
         """The folder for what the stage keeps between attempts, made when first asked for.
@@ -57,7 +63,7 @@ class Job:
         It survives a kill and a retry, and goes when the products are published. One that was begun with other inputs,
         options or versions is emptied. A file in it may be half-written: write those aside and rename them.
         """
-        folder = products.work_folder(next(iter(self.final.values())))
+        folder = self.work_folder
         begun, made_of = folder / "made-of.json", products.as_json(self.provenance())
         if not begun.is_file() or begun.read_text(encoding="utf-8") != made_of:
             products.remove(folder)
@@ -117,6 +123,26 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
     Raises :class:`UsageError` for inputs that do not exist and :class:`NotStored` where products cannot be written.
     """
     print(shlex.join(command), file=sys.stderr, flush=True)
+    mark, outcome = _begin(job), journal.FAILED
+    try:
+        outcome = _run(job, work)
+    finally:
+        if mark is not None:
+            journal.end(mark, outcome, _cpu_s(), _most_mb())
+
+
+def _begin(job: Job) -> journal.Mark | None:
+    """Let the journal of the run, where there is one, say that this job works."""
+    shard = next(iter(job.final.values())).stem if job.step.per == SHARD else ""
+    try:
+        return journal.begin(job.step.name, job.object or shard, job.solidity)
+    except OSError as error:
+        said = products.not_stored(error, error.filename or "the journal of the run")
+        raise NotStored(f"{job.step.name}: {said or error}") from error
+
+
+def _run(job: Job, work: Callable[[Job], None]) -> str:
+    """Run a job; return how it ended."""
     for path in _flat(job.inputs):
         if not path.is_file():  # opening a pipe would wait for ever
             wrong = "is not a file" if path.exists() else "does not exist"
@@ -125,10 +151,12 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
         _check_ours(job.step, name, job.final[name])
     started, cpu_before = time.perf_counter(), _cpu_s()
     with _storing(job):
-        refused = _passed_on(job) or _make(job, work)
+        passed_on = _passed_on(job)
+        refused = passed_on or _make(job, work)
+        products.remove(job.work_folder)
     if refused is not None:
         _tell(refused)
-        return
+        return journal.PASSED_ON if passed_on else journal.REFUSED
     seconds = time.perf_counter() - started
     for path in job.final.values():
         print(f"wrote {path}", file=sys.stderr)
@@ -136,6 +164,7 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
         f"{job.step.name}: done in {seconds:.1f} s, {_cpu_s() - cpu_before:.1f} s of CPU, at most {_most_mb()} MB",
         file=sys.stderr,
     )
+    return journal.DONE
 
 
 def _passed_on(job: Job) -> Refusal | None:
@@ -168,7 +197,6 @@ def _make(job: Job, work: Callable[[Job], None]) -> Refusal | None:
     finally:
         for partial in job.outputs.values():
             products.remove(partial)
-    products.remove(products.work_folder(next(iter(job.final.values()))))
     return refusal
 
 

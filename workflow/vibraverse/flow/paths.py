@@ -33,6 +33,7 @@ class Paths:
 
         self.dataset = f"{self.results}/dataset"
         self.config = f"{self.results}/config.yaml"
+        self.journal = f"{self.results}/journal"
         self.verdict = f"{self.results}/verdict.json"
         self.validation_verdict = f"{self.results}/validation/verdict.json"
 
@@ -52,13 +53,6 @@ class Paths:
 
     def log(self, stage: str, *wildcards: str) -> str:
         """Return the log pattern of a stage, e.g. ``log("tets", "object", "solidity")``."""
-        return self._side("logs", stage, wildcards, "log")
-
-    def benchmark(self, stage: str, *wildcards: str) -> str:
-        """Return the pattern of the file in which Snakemake notes a job's time and memory."""
-        return self._side("benchmarks", stage, wildcards, "tsv")
-
-    def _side(self, folder: str, stage: str, wildcards: tuple[str, ...], suffix: str) -> str:
         name = ".".join([stage, *(f"{{{w}}}" for w in wildcards[1:])])
         middle = f"{{{wildcards[0]}}}/" if wildcards else ""
-        return f"{self.results}/{folder}/{middle}{name}.{suffix}"
+        return f"{self.results}/logs/{middle}{name}.log"

@@ -5,28 +5,51 @@ Snakemake's own lock is a file that stays after SIGKILL and must be removed by h
 
 Byte ``s`` of the lock file stands for shard ``s`` of the dataset and the objects in it. A slice locks the bytes of its
 shards, any other run all bytes there could be. So runs that share an object exclude each other, and slices do not.
+
+On a file system without locks, runs know each other by their files in the journal. Each writes its own first and then
+looks for others: of two that begin in the same moment none may go on, but never do both.
 """
 
 from __future__ import annotations
 
+import atexit
 import fcntl
-import os
-import struct
 import sys
 import time
 from collections.abc import Iterable
-from contextlib import suppress
 from pathlib import Path
+from typing import TextIO
 
+from vibraverse.contract import journal
+from vibraverse.contract.journal import Mark, Worker
 from vibraverse.contract.products import not_stored
 
-#: ``struct flock`` of 64-bit Linux: type, whence, start, length, process.
-_FLOCK = "hhqqi"
-_held = []
-#: The folder of logs that are slices' own, not a job's.
-_SLICES = "slices"
-#: How often it is looked whether a job has ended.
-_AGAIN_S = 1.0
+#: What this process holds: a lock goes when its file is no longer referred to.
+_held: list[Hold] = []
+#: Polling interval in seconds, for orphaned jobs.
+_POLL_S = 1.0
+
+
+class Hold:
+    """What a run holds of a results folder, until it is closed or its process ends; ``file`` says so in the journal."""
+
+    def __init__(self, mark: Mark, lock: TextIO):
+        self.file = mark.file
+        self._mark, self._lock = mark, lock
+        atexit.register(mark.remove)
+        _held.append(self)
+
+    def close(self) -> None:
+        """Let other runs go on."""
+        self._mark.remove()
+        self._lock.close()
+        _held.remove(self)
+
+    def __enter__(self) -> Hold:
+        return self
+
+    def __exit__(self, *_) -> None:
+        self.close()
 
 
 def lock_file(results: str | Path) -> Path:
@@ -34,102 +57,115 @@ def lock_file(results: str | Path) -> Path:
     return Path(results) / ".run.lock"
 
 
-def holder(lock: int, shard: int = 0, count: int = 0) -> int | None:
-    """Return the other process that keeps ``count`` shards (0: all) from being locked; None where none does.
-
-    ``lock`` is an open lock file. Other systems than Linux do not tell.
-    """
-    if not sys.platform.startswith("linux"):
-        return None
-    asked = struct.pack(_FLOCK, fcntl.F_WRLCK, os.SEEK_SET, shard, count, 0)
-    kind, _, _, _, process = struct.unpack(_FLOCK, fcntl.fcntl(lock, fcntl.F_GETLK, asked))
-    return None if kind == fcntl.F_UNLCK else process
-
-
-def only_run(results: str | Path, shards: Iterable[int] | None = None):
-    """Hold the shards (None: everything) of a results folder, until what is returned is closed or the process ends.
+def only_run(results: str | Path, shards: Iterable[int] | None = None) -> Hold:
+    """Hold the shards (None: everything) of a results folder.
 
     Where another process holds one of them, or the folder cannot be written, that is said and the exit status is 1.
-    Returns None on a file system without locks.
     """
-    folder = Path(results)
+    folder, parts = Path(results), None if shards is None else sorted(shards)
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        mark = Mark(journal.runs_folder(folder), shards=parts)
         lock = open(lock_file(folder), "a+")  # noqa: SIM115 - stays open as long as the process lives
     except OSError as error:
         print(f"vibraverse: {not_stored(error, folder) or error}", file=sys.stderr)
         sys.exit(1)
-    parts = [(0, 0)] if shards is None else [(shard, 1) for shard in shards]
+    free, without = True, ""
     try:
-        for shard, count in parts:
+        for shard, count in [(0, 0)] if parts is None else [(shard, 1) for shard in parts]:
             fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB, count, shard)
     except (BlockingIOError, PermissionError):  # which of the two is up to the file system
-        process = holder(lock.fileno(), shard, count)
+        free = False
+    except OSError as error:
+        without = error.strerror or str(error)
+    others = [] if free and not without else _others(folder, mark)
+    if others or not free:
+        mark.remove()
+        lock.close()
+        print(f"vibraverse: {_taken(folder, parts, others, without)}", file=sys.stderr)
+        sys.exit(1)
+    if without:
         print(
-            f"vibraverse: another run (process {process or 'unknown'}) is working in {folder}"
-            f"{'' if shards is None else ' on the same objects'}; wait for it to end, or stop it.",
+            f"vibraverse: {folder} is on a file system without locks ({without}). Runs see each other by their files "
+            f"in {mark.file.parent} instead; when a machine crashes, delete those of its runs.",
             file=sys.stderr,
         )
-        sys.exit(1)
-    except OSError:
-        return None  # a file system without locks: go on without one
-    os.utime(lock.fileno())  # when the run began
-    _held.append(lock)
-    return lock
+    return Hold(mark, lock)
 
 
-def outputs() -> dict[str, int]:
-    """Return the files that processes here have as their standard output, each with the process (the lowest number).
-
-    A job's is its log, also when the run that started it is gone. Other systems than Linux do not tell, nor do they of
-    other users' processes, nor of other machines.
-    """
-    found: dict[str, int] = {}
-    for entry in Path("/proc").glob("[0-9]*") if sys.platform.startswith("linux") else ():
-        with suppress(OSError):  # it has ended, or is not ours
-            file, process = os.readlink(entry / "fd/1"), int(entry.name)
-            found[file] = min(process, found.get(file, process))
+def _others(folder: Path, mark: Mark) -> list[tuple[Path, Worker]]:
+    """Return the runs that work on a shard of the run that marked."""
+    found = []
+    for file, run in journal.runs(folder):
+        if file == mark.file or not journal.works(file, run):
+            continue
+        if None in (run.shards, mark.worker.shards) or set(run.shards) & set(mark.worker.shards):
+            found.append((file, run))
     return found
 
 
-def wait_for_jobs_of_gone_runs(logs: str | Path, names: Iterable[str] | None = None) -> None:
-    """Wait until no job here works any more that a killed run has left; say so, once for each.
+def _taken(folder: Path, parts: list[int] | None, others: list[tuple[Path, Worker]], without: str) -> str:
+    """Return the sentence about the run that works already."""
+    who = others[0][1] if others else "process unknown"
+    on = "" if parts is None else " on the same objects"
+    said = f"another run ({who}) is working in {folder}{on}; wait for it to end, or stop it."
+    if without:
+        said += (
+            f" This file system has no locks ({without}): if that run is gone already, delete {others[0][0]}."
+        )
+    return said
 
-    ``logs`` is the folder with the jobs' logs, ``names`` are its folders that are looked at (None: all), in which no
-    other run may work. A job that is begun anew beside an old one computes in vain, and may meet what that one writes.
+
+def orphans(results: str | Path, names: Iterable[str] | None = None) -> list[tuple[Path, Worker]]:
+    """Return the jobs of killed runs that still work; delete the files of those that do not, and of their runs.
+
+    ``names`` are the objects and shards that are looked at (None: all), in which no other run may work.
     """
-    said: set[tuple[str, int]] = set()
-    while left := set(_writing_below(logs, None if names is None else set(names))):
-        for log, process in sorted(left - said):
-            print(
-                f"vibraverse: a job of a run that is gone still computes ({log}); this run goes on when that has "
-                f"ended, or is ended with `kill {process}`",
-                file=sys.stderr,
-                flush=True,
-            )
-        said |= left
-        time.sleep(_AGAIN_S)
-
-
-def _writing_below(logs: str | Path, names: set[str] | None) -> Iterable[tuple[str, int]]:
-    """Yield the logs that processes write, each with the lowest process, besides where this one's output goes."""
-    own = {os.path.realpath(f"/proc/self/fd/{number}") for number in (1, 2)}
-    for file, process in outputs().items():
-        if file in own or not file.startswith(f"{os.path.realpath(logs)}{os.sep}"):
+    wanted = None if names is None else set(names)
+    begun = list(journal.begun(results))  # first: each has its run's file before its own
+    runs, found = set(), []
+    for file, run in journal.runs(results):
+        if journal.works(file, run):
+            runs.add(file.name)
+        else:
+            file.unlink(missing_ok=True)
+    for file, job in begun:
+        if job.run in runs or (wanted is not None and job.object not in wanted):
             continue
-        name = os.path.relpath(file, os.path.realpath(logs))
-        folder = os.path.dirname(name)
-        if folder != _SLICES and (names is None or folder in names):
-            yield os.path.join(logs, name), process
+        if journal.works(file, job):
+            found.append((file, job))
+        else:
+            file.unlink(missing_ok=True)
+    return found
 
 
-def run_since(results: str | Path) -> float | None:
-    """Return when the latest run that holds a part of a results folder began, as seconds since 1970.
+def wait_for(jobs: list[tuple[Path, Worker]]) -> None:
+    """Wait until orphaned jobs have ended; say so, once for each.
 
-    None where no other process does. Not for a process that holds a part itself: closing the file would let it go.
+    A job that is begun anew beside an old one computes in vain, and may meet what that one writes.
     """
-    try:
-        with open(lock_file(results), "rb") as lock:
-            return None if holder(lock.fileno()) is None else os.fstat(lock.fileno()).st_mtime
-    except OSError:
-        return None
+    for file, job in jobs:
+        what = " of ".join(filter(None, (job.stage, job.object)))
+        print(
+            f"vibraverse: {what} is still computed by {job}, whose run was killed; this run goes on when that has "
+            f"ended. To end it: {ending([(file, job)])}",
+            file=sys.stderr,
+            flush=True,
+        )
+    while jobs := [(file, job) for file, job in jobs if journal.works(file, job)]:
+        time.sleep(_POLL_S)
+
+
+def ending(jobs: list[tuple[Path, Worker]]) -> str:
+    """Return the commands that end jobs, or the Slurm jobs that they are part of."""
+    scancel = [*dict.fromkeys(job.slurm_job for _, job in jobs if job.slurm_job)]
+    commands = [f"`scancel {' '.join(scancel)}`"] if scancel else []
+    alone = [job for _, job in jobs if not job.slurm_job]
+    for host in dict.fromkeys(job.host for job in alone):
+        on = [job for job in alone if job.host == host]
+        where = "" if on[0].is_here else f" on {host}"
+        commands.append(f"`kill {' '.join(str(job.process) for job in on)}`{where}")
+    gone = [str(file) for file, job in jobs if not (job.locked or job.is_here)]
+    unsure = (
+        f"; where it is gone already, `rm {' '.join(gone)}` (no locks tell of other machines)" if gone else ""
+    )
+    return " and ".join(commands) + unsure
