@@ -3,12 +3,12 @@ import os
 
 from snakemake.utils import min_version
 
-from vibraverse.machine import preflight
+from vibraverse.machine import internals, preflight
 
 min_version("9.20")
 
 # A file given with --configfile stands alone (rules/common.smk): one that lies here is not even read.
-if not workflow.overwrite_configfiles:
+if not internals.config_files(workflow):
     with preflight.readable("config.yaml"):
 
         configfile: "config.yaml"
