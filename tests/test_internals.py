@@ -111,9 +111,8 @@ def test_snakemake_and_its_slurm_plugin_are_as_assumed(tmp_path, bin_):
     assert ["far", {"object": "0"}, 7, "docker://nowhere/image", True, 3] in far
     assert seen["timers"] <= 1
     (tmp_path / "near").unlink()
-    assert (
-        snakemake(tmp_path, "--cores", "4", "--forceall")["timers"] > 10
-    )  # else the patch is not needed any more
+    unmended = snakemake(tmp_path, "--cores", "4", "--forceall")
+    assert unmended["timers"] > 3, "Snakemake leaks no threads any more: the patch can go"
 
     # What is read in images, and of the plugin for Slurm.
     stub(bin_, "apptainer", "echo apptainer version 1.3.0")
@@ -188,7 +187,7 @@ def test_an_untested_version_is_not_patched_and_one_line_says_so(monkeypatch, ca
     from snakemake.scheduling.job_scheduler import JobScheduler
 
     before = JobScheduler._schedule_reevalutation
-    monkeypatch.setattr(internals, "TESTED", {name: "<1" for name in internals.TESTED})
+    monkeypatch.setattr(internals, "TESTED", dict.fromkeys(internals.TESTED, "<1"))
     internals.mend_scheduler(types.SimpleNamespace(is_main_process=False))
     assert capsys.readouterr().err == ""
     internals.mend_scheduler(types.SimpleNamespace(is_main_process=True))

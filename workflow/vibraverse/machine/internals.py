@@ -1,8 +1,8 @@
 """All that the workflow knows of Snakemake's inner workings: what it reads there, and its two patches.
 
 None of it is a public interface. :data:`TESTED` names the versions for which it holds, and a contract test
-(``tests/test_internals.py``) holds the installed ones to it. A patch is applied to these versions only. What a run reads
-is read in any version; where it does not exist, the run ends with one sentence.
+(``tests/test_internals.py``) holds the installed ones to it. A patch is applied to these versions only. What a run
+reads is read in any version; where it does not exist, the run ends with one sentence.
 """
 
 from __future__ import annotations
@@ -173,6 +173,31 @@ class Waiting:
 def waiting_jobs(workflow) -> list[Waiting]:
     """Return the jobs that are going to run. Known when the run starts."""
     return [Waiting(job) for job in _read(workflow, "dag.needrun_jobs")()]
+
+
+# How Snakemake itself shows a run
+
+
+def own_handler(settings, stream):
+    """Return Snakemake's own handler of log records, without host and reasons where ``--quiet`` chooses nothing."""
+    from snakemake import logging
+    from snakemake.settings.enums import Quietness
+
+    quiet = set(settings.quiet or {Quietness.HOST, Quietness.REASON})
+    shown = logging.DefaultFilter(
+        quiet, settings.debug_dag, settings.verbose, settings.dryrun, settings.printshellcmds
+    )
+    written = logging.DefaultFormatter(quiet, settings.show_failed_logs)
+    return logging.ColorizingTextHandler(settings.nocolor, stream, written, shown)
+
+
+def shows_progress(settings) -> bool:
+    """Whether jobs run and their progress is asked for, neither less nor more."""
+    from snakemake.settings.enums import Quietness
+
+    less = {Quietness.ALL, Quietness.PROGRESS} & set(settings.quiet or ())
+    more = settings.verbose or settings.printshellcmds or settings.debug_dag
+    return not (settings.dryrun or less or more)
 
 
 # The patches
