@@ -3,8 +3,8 @@
 python benchmarks/scheduling.py [OBJECTS] [--seconds 0.5] [--cores 8]
 
 Every stage is replaced by a shell script that sleeps and makes the files it is asked for, so that what is left is
-Snakemake with this workflow. Both sides in one run: as it is by itself, and with
-the patch of `vibraverse.machine.internals` and the default profile's `scheduler-subsample`, which is how the workflow runs it.
+Snakemake with this workflow. Both sides in one run: as it is by itself, and with the patch of
+`vibraverse.machine.internals` and the default profile's `scheduler-subsample`, which is how the workflow runs it.
 """
 
 from __future__ import annotations

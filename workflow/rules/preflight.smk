@@ -20,9 +20,7 @@ onstart:
     preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = internals.waiting_jobs(workflow)
     if in_containers:
-        preflight.stop_without(
-            preflight.images, [image for job in waiting if (image := job.image)]
-        )
+        preflight.stop_without(preflight.images, [image for job in waiting if (image := job.image)])
         named = [plan.objects[job.wildcards.object] for job in waiting if job.rule == "sources"]
         preflight.stop_without(
             preflight.seen_in_images,
