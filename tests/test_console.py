@@ -308,7 +308,7 @@ def test_a_run_without_a_terminal_writes_a_line_now_and_then_and_its_log_keeps_e
         (["-n"], ["Job stats:", "rule second:", "This was a dry-run"], ["reason: ", "Workflow ID"]),
         (["-n", "--quiet", "host"], ["reason: "], []),
         (["--quiet", "all"], [], ["rule second:", "jobs done"]),
-        (["-p"], ["rule second:", "touch made/objects/1/b", "3 of 3 steps"], ["jobs done"]),
+        (["-p"], ["rule second:", "touch made/objects/1/b", "steps (100%) done"], ["jobs done"]),
         (["--dag"], ["digraph snakemake_dag"], ["jobs done"]),
         (["--lint"], ["Lints for rule first"], ["jobs done"]),
         (["--unlock"], ["Unlocked working directory"], ["jobs done"]),
