@@ -4,12 +4,14 @@ from pathlib import Path
 
 from snakemake.utils import min_version
 
-from vibraverse.machine import preflight
+from vibraverse.contract.products import read_json
+from vibraverse.contract.texts import advised
+from vibraverse.machine import internals, preflight
 
 min_version("9.20")
 
 # A file given with --configfile stands alone (rules/common.smk): one that lies here is not even read.
-if not workflow.overwrite_configfiles:
+if not internals.config_files(workflow):
     with preflight.readable("config.yaml"):
 
         configfile: "config.yaml"
@@ -40,12 +42,14 @@ onsuccess:
     if plan.owned is not None:
         print(f"Slice {plan.config.slice} is made. When all are: --config slice=join")
     elif os.path.exists(paths.dataset_record):
-        shell("vibraverse refusals --record {paths.dataset_record:q}")
+        counts = read_json(paths.dataset_record)["counts"]
+        refused, left = counts["refused_objects"], counts["objects"]
+        why = advised("refusals", results=paths.results)
+        print(f"The dataset: {refused} of {left + refused} objects refused; {why} says why")
         print(f"The report: {paths.report}")
 
 
 onerror:
     print("The run ended with an error. What is done stays; repeat the command when its cause is mended.")
-    print(f"Logs: {paths.results}/logs")
     if os.path.exists(paths.report):
         print(f"The report, as far as it goes: {paths.report}")

@@ -3,8 +3,8 @@
 python benchmarks/scheduling.py [OBJECTS] [--seconds 0.5] [--cores 8]
 
 Every stage is replaced by a shell script that sleeps and makes the files it is asked for, so that what is left is
-Snakemake with this workflow. Both sides in one run: as it is by itself, and with
-`vibraverse.machine.patches` and the default profile's `scheduler-subsample`, which is how the workflow runs it.
+Snakemake with this workflow. Both sides in one run: as it is by itself, and with the patch of
+`vibraverse.machine.internals` and the default profile's `scheduler-subsample`, which is how the workflow runs it.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ while [ $# -gt 1 ]; do
   shift
 done
 """
-#: Snakemake in a process that says at its end what it took; with an argument, nothing is spared.
+#: Snakemake in a process that says at its end what it took; with `alone`, its scheduler is not mended.
 MEASURED = """\
 import os, resource, sys, threading, time
-from vibraverse.machine import patches
+from vibraverse.machine import internals
 if sys.argv.pop(1) == "alone":
-    many_jobs.prepare = many_jobs.planned = lambda: None
+    internals.mend_scheduler = lambda workflow: None
 most, began = [0], time.monotonic()
 def watch():
     while True:

@@ -1,4 +1,4 @@
-"""What is asked of Slurm before the first job, with stand-ins for its commands, and that its silence loses no job."""
+"""What is asked of Slurm before the first job, with stand-ins for its commands, and whether its silence loses a job."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import types
 import pytest
 
 from stand_ins import said, stub
-from vibraverse.machine import slurm
+from vibraverse.machine import internals, slurm
 
 
 @pytest.fixture
@@ -69,7 +69,7 @@ def test_the_job_that_a_run_is_part_of_is_no_earlier_one(cluster, tmp_path, monk
     stub(cluster, "squeue", f"for job in 17 17_1 '17_[2-9]' 170 171; do echo \"$job|{tmp_path}\"; done")
     monkeypatch.setenv(variable, "17")
     call = (
-        "import os, sys; from vibraverse import preflight, slurm; del os.environ[sys.argv[1]];"
+        "import os, sys; from vibraverse.machine import preflight, slurm; del os.environ[sys.argv[1]];"
         "preflight.stop_without(slurm.check, [], sys.argv[2])"
     )
     done = subprocess.run([sys.executable, "-c", call, variable, tmp_path], capture_output=True, text=True)
@@ -132,60 +132,108 @@ def test_a_cluster_without_accounts(cluster):
 
 
 class Plugin:
-    """As Snakemake's: where its questions fail, it neither reports a job nor gives it back."""
+    """As Snakemake's: where its questions fail, it neither reports a job nor gives it back.
 
-    def __init__(self, answers):
-        self.answers, self.logger, self.ended = answers, types.SimpleNamespace(warning=self.warn), []
-        self.warned = []
+    ``answers`` are Slurm's: what each job does, by its id; None where it does not answer.
+    """
 
-    def warn(self, text):
-        self.warned.append(text)
+    def __init__(self, module, answers):
+        self.module, self.answers, self.ended, self.warned = module, answers, [], []
+        self.logger = types.SimpleNamespace(warning=self.warned.append)
 
     def report_job_success(self, job):
-        self.ended.append(job)
+        self.ended.append(job.external_jobid)
 
     def report_job_error(self, job, msg=None):
-        self.ended.append(f"{job}, in vain")
+        self.ended.append(f"{job.external_jobid}: {msg}")
 
     async def check_active_jobs(self, active_jobs):
-        state = self.answers.pop(0)
-        if state is None:
-            return
-        for job in active_jobs:
-            if state.get(job) == "done":
+        states, _ = await self.module.query_job_status(self.answers.pop(0), self.logger)
+        for job in active_jobs if states is not None else ():
+            state = states.get(job.external_jobid)
+            if state == "done":
                 self.report_job_success(job)
-            elif state.get(job) == "failed":
+            elif state == "failed":
                 self.report_job_error(job, msg="no")
             else:
                 yield job
 
+    def looks(self, jobs) -> list[int]:
+        """Look as often as there are answers; return how many jobs are left after each."""
 
-def test_a_slurm_that_is_away_for_a_while_loses_no_job(monkeypatch):
-    monkeypatch.setitem(
-        sys.modules, "snakemake_executor_plugin_slurm", types.SimpleNamespace(Executor=Plugin)
+        async def left():
+            return [job async for job in self.check_active_jobs(jobs)]
+
+        counts = []
+        while self.answers:
+            jobs = asyncio.run(left())
+            counts.append(len(jobs))
+        return counts
+
+
+@pytest.fixture
+def plugin(monkeypatch):
+    """A function that returns a patient plugin that is given these answers."""
+
+    async def query(answer, logger):
+        return answer, None if answer is None else 0.1
+
+    class Executor(Plugin):
+        pass
+
+    module = types.SimpleNamespace(
+        Executor=Executor, query_job_status=query, _status_lookup_ids=lambda name: [name, name.split("_")[0]]
     )
-    slurm.be_patient()
-    slurm.be_patient()
-    plugin = Plugin([None, {}, None, {"a": "done", "b": "failed"}, None, {"c": "done"}])
-
-    async def left(jobs):
-        return [job async for job in plugin.check_active_jobs(jobs)]
-
-    jobs = ["a", "b", "c"]
-    counts = []
-    while plugin.answers:
-        jobs = asyncio.run(left(jobs))
-        counts.append(len(jobs))
-    assert counts == [3, 3, 3, 1, 1, 0]
-    assert plugin.ended == ["a", "b, in vain", "c"]
-    assert plugin.warned[0] == "Slurm does not answer; the run waits for its 3 jobs."
-    assert len(plugin.warned) == 3
+    monkeypatch.setitem(sys.modules, "snakemake_executor_plugin_slurm", module)
+    internals.be_patient()
+    internals.be_patient()
+    return lambda *answers: Executor(module, list(answers))
 
 
-def test_the_plugin_is_built_as_expected():
-    code = (
-        "from snakemake_executor_plugin_slurm import Executor; from vibraverse import slurm; slurm.be_patient();"
-        "assert Executor.check_active_jobs.is_patient and Executor.report_job_success and Executor.report_job_error"
-    )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+def jobs(*ids: str) -> list:
+    return [types.SimpleNamespace(external_jobid=name) for name in ids]
+
+
+RUNNING = {"a": "running", "b": "running", "c": "running"}
+
+
+def test_a_slurm_that_is_away_for_a_while_loses_no_job(plugin):
+    away = plugin(None, RUNNING, None, {**RUNNING, "a": "done", "b": "failed"}, None, {"c": "done"})
+    assert away.looks(jobs("a", "b", "c")) == [3, 3, 3, 1, 1, 0]
+    assert away.ended == ["a", "b: no", "c"]
+    assert away.warned[0] == "Slurm does not answer; the run waits for its 3 jobs."
+    assert len(away.warned) == 3
+
+
+def test_a_slurm_that_stays_away_is_waited_for(plugin, bin_):
+    stub(bin_, "squeue", "exit 1")
+    away = plugin(*[None] * (3 * internals.SILENT_LOOKS))
+    assert away.looks(jobs("a", "b")) == [2] * (3 * internals.SILENT_LOOKS)
+    assert away.ended == []
+
+
+def test_a_job_that_slurm_has_lost_fails(plugin, bin_):
+    """Jobs 1 and 3_7 (of an array) are lost; 2 is told of, and 4 waits in the queue without being in the accounts."""
+    stub(bin_, "squeue", "echo 2; echo 4")
+    silence = internals.SILENT_LOOKS
+    lossy = plugin(*[{"2": "running"}] * (silence - 1), None, {"2": "running"}, {"2": "done"})
+    assert lossy.looks(jobs("1", "2", "3_7", "4")) == [4] * silence + [2, 1]
+    assert [line.split(":")[0] for line in lossy.ended] == ["1", "3_7", "2"]
+    assert f"Slurm has lost job 1: {silence} answers in a row and the queue do not list it" in lossy.ended[0]
+
+
+def test_a_job_that_is_listed_again_was_not_lost(plugin, bin_):
+    stub(bin_, "squeue", "true")
+    almost = [{}] * (internals.SILENT_LOOKS - 1)
+    late = plugin(*almost, {"3": "running"}, *almost, {"3_1": "done"})
+    assert late.looks(jobs("3_1"))[-2:] == [1, 0]
+    assert late.ended == ["3_1"]
+
+
+def test_no_job_is_lost_while_the_queue_does_not_answer(plugin, bin_):
+    stub(bin_, "squeue", f"[ -e {bin_}/works ]")
+    slow, waiting = plugin(*[{}] * (2 * internals.SILENT_LOOKS)), jobs("1")
+    assert set(slow.looks(waiting)) == {1}
+    (bin_ / "works").touch()
+    slow.answers.append({})
+    assert slow.looks(waiting) == [0]

@@ -2,7 +2,7 @@
 import sys
 from functools import partial
 
-from vibraverse.machine import patches, preflight
+from vibraverse.machine import internals, preflight
 from vibraverse.flow import targets
 from vibraverse.machine.containers import image
 from vibraverse.flow.plan import Plan
@@ -12,17 +12,17 @@ from vibraverse.flow.steps import VERSIONS
 
 # Snakemake would merge a file given with --configfile into config.yaml; here it stands alone, so that what
 # `vibraverse config show FILE` says is what runs. Single keys of --config go on top of either.
-chosen = workflow.config_settings.overwrite_config if workflow.overwrite_configfiles else config
+chosen = internals.configuration(workflow, config)
 
-patches.prepare()
-if workflow.is_main_process:
+internals.mend_scheduler(workflow)
+if internals.is_main_process(workflow):
     preflight.stop_without(preflight.profile, sys.argv)
 
 plan = preflight.stop_without(Plan, chosen)
 paths = plan.paths
 
 # The name of an object or a shard that a file is asked for; where the run has none of that name, it ends.
-known = partial(preflight.stop_without, preflight.known, plan, workflow.overwrite_configfiles)
+known = partial(preflight.stop_without, preflight.known, plan, internals.config_files(workflow))
 
 
 wildcard_constraints:

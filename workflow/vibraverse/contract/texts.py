@@ -53,3 +53,13 @@ def advised(*words: str, config: str | Path | None = None, results: str | Path |
 def counted(count: int, thing: str) -> str:
     """Return how many there are, in words: ``1 object``, ``2 objects``."""
     return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+def duration(seconds: float) -> str:
+    """Return a time with two units at most: ``2 d 3 h``, ``7 min 3 s``."""
+    whole = max(0, round(seconds))
+    for unit, length, smaller, part in (("d", 86400, "h", 3600), ("h", 3600, "min", 60), ("min", 60, "s", 1)):
+        if whole >= length:
+            rest = whole % length // part
+            return f"{whole // length} {unit}" + (f" {rest} {smaller}" if rest else "")
+    return f"{whole} s"

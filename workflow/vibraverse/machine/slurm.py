@@ -1,4 +1,4 @@
-"""What a run asks of Slurm before its first job, said in one sentence where it is not there, and how it waits."""
+"""What a run asks of Slurm before its first job, said in one sentence where it is not there."""
 
 from __future__ import annotations
 
@@ -187,41 +187,7 @@ def no_earlier_jobs(folder: Path) -> None:
         )
 
 
-def be_patient() -> None:
-    """Let Snakemake's Slurm plugin go on waiting for jobs about which Slurm gave no answer.
-
-    By itself it forgets all jobs where a few of its questions in a row fail, as they do while Slurm is started anew:
-    the run then waits for nothing, for ever, and an interrupt cancels nothing.
-    """
-    executor = getattr(sys.modules.get("snakemake_executor_plugin_slurm"), "Executor", None)
-    asking = getattr(executor, "check_active_jobs", None)
-    if asking is None or hasattr(asking, "is_patient"):
-        return
-
-    async def check_active_jobs(self, active_jobs):
-        told, returned = set(), set()
-        for report in ("report_job_success", "report_job_error"):
-            setattr(self, report, _noting(getattr(executor, report).__get__(self), told))
-        async for job in asking(self, active_jobs):
-            returned.add(id(job))
-            yield job
-        silent = [job for job in active_jobs if id(job) not in told | returned]
-        if silent:
-            self.logger.warning(
-                f"Slurm does not answer; the run waits for its {counted(len(silent), 'job')}."
-            )
-        for job in silent:
-            yield job
-
-    check_active_jobs.is_patient = True
-    executor.check_active_jobs = check_active_jobs
-
-
-def _noting(report, told: set):
-    """Return a function that reports a job's end and notes that it did."""
-
-    def noting(job, *arguments, **keywords):
-        told.add(id(job))
-        return report(job, *arguments, **keywords)
-
-    return noting
+def queued_jobs() -> set[str] | None:
+    """Return the ids of this user's jobs in the queue, of an array its own id; None where Slurm does not answer."""
+    done = _run("squeue", "-h", "-u", str(os.getuid()), "-o", "%F")
+    return set(done.stdout.split()) if done.returncode == 0 else None
