@@ -97,7 +97,7 @@ def main(argv: list[str]) -> int:
 class State:
     """How many objects there are, of how many nothing is left, and the rows of ``refusals.tsv``.
 
-    ``warnings`` are those about meshes, counted by kind, where a finished dataset says them.
+    ``warnings`` are counted by kind, where a finished dataset says them.
     """
 
     objects: int
@@ -131,8 +131,8 @@ def listing(state: State) -> str:
         if len(rows) > _SHOWN:
             lines.append(f"  … and {len(rows) - _SHOWN} more; dataset/refusals.tsv lists all")
     if state.warnings:
-        told = ", ".join(f"{count} of {kind.replace('_', ' ')}" for kind, count in state.warnings.items())
-        lines += ["", f"Warnings about meshes: {told}; the report lists them."]
+        told = ", ".join(f"{kind.replace('_', ' ')} ({count})" for kind, count in state.warnings.items())
+        lines += ["", f"Warnings: {told}; the report lists them."]
     return "\n".join(lines) + "\n"
 
 
