@@ -105,7 +105,7 @@ def test_too_few_are_said_in_a_sentence(two, monkeypatch, capsys):
     monkeypatch.delenv(gpus.VISIBLE)
     monkeypatch.setenv("PATH", "/nowhere")
     assert cli.main(["gpus", "--claim", "1", "true"]) == 2
-    assert "a GPU asked for, but nvidia-smi finds none here" in capsys.readouterr().err
+    assert "a GPU asked for, but nvidia-smi finds no GPU here" in capsys.readouterr().err
     assert cli.main(["gpus"]) == 0
     assert "No GPU is visible here" in capsys.readouterr().out
 

@@ -164,7 +164,7 @@ def test_a_bad_mesh_is_one_sentence(tmp_path, vibraverse, monkeypatch, name, con
 def test_missing_file_and_wrong_kind(tmp_path, vibraverse):
     assert "does not exist" in vibraverse("strike", tmp_path / "no.obj")[2]
     (tmp_path / "a.txt").write_text("x")
-    assert "is no mesh file" in vibraverse("strike", tmp_path / "a.txt")[2]
+    assert "is not a mesh file" in vibraverse("strike", tmp_path / "a.txt")[2]
 
 
 def test_every_material_of_the_table_is_offered(vibraverse):

@@ -141,7 +141,7 @@ def _recorded(record: Path) -> State:
     table = record.with_name("refusals.tsv")
     for path in (record, table):
         if not path.is_file():
-            raise UsageError(f"{path} does not exist; is the dataset finished?")
+            raise UsageError(f"{path} does not exist, so the dataset is not finished; finish the run first")
     said = products.read_json(record)
     counts = said["counts"]
     rows = from_tsv(table.read_text(encoding="utf-8"), REFUSAL_COLUMNS)
@@ -153,7 +153,7 @@ def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refu
     existing = objects_in(paths)
     if not existing:
         raise UsageError(
-            f"there are no objects in {paths.results}/objects; is --results the folder of a run?"
+            f"{paths.results}/objects holds no objects; give the results folder of a run with --results"
         )
     for object_id in objects or ():
         _known(object_id, existing, "object")

@@ -146,16 +146,16 @@ class _Strike:
         self.mesh: Path = arguments.mesh
         if not self.mesh.is_file():
             wrong = "is not a file" if self.mesh.exists() else "does not exist"
-            raise UsageError(f"the mesh file {self.mesh} {wrong}")
+            raise UsageError(f"the mesh file {self.mesh} {wrong}; name an existing file")
         if not is_mesh(self.mesh.name):
             raise UsageError(
-                f"{self.mesh.name} is no mesh file: OBJ, STL, PLY, OFF, GLB, glTF and 3MF are read"
+                f"{self.mesh.name} is not a mesh file; export it as OBJ, STL, PLY, OFF, GLB, glTF or 3MF"
             )
         self.object = slug(self.mesh.stem)
         self.solidity = "solid" if arguments.hollow is None else "hollow"
         self.threads = arguments.threads
         if arguments.threads < 1:
-            raise UsageError("--threads must be at least 1")
+            raise UsageError(f"--threads must be at least 1, not {arguments.threads}")
         self.material = self._material(arguments)
         self.material_name = arguments.material
         self.point = self._point(arguments.at)
@@ -185,7 +185,7 @@ class _Strike:
         self.output = arguments.output or Path(f"{self.mesh.stem}-{self.material_name}.wav")
         for path in (self.output, *([Path(arguments.json)] if arguments.json not in (None, "-") else [])):
             if not path.absolute().parent.is_dir():
-                raise UsageError(f"the folder of {path} does not exist")
+                raise UsageError(f"the folder of {path} does not exist; create it, or choose another")
             if path.is_dir():
                 raise UsageError(f"{path} is a folder; name a file in it")
 
@@ -220,8 +220,8 @@ class _Strike:
         if max(map(abs, point)) > 1:
             place, centre = (",".join(f"{x:g}" for x in xs) for xs in (self.point, clean["centre"]))
             raise UsageError(
-                f"--at {place} is not on the mesh, which is {LONGEST_SIDE / clean['scale']:g} long around {centre} in "
-                "the coordinates of its file"
+                f"--at {place} is not on the mesh, which is {LONGEST_SIDE / clean['scale']:g} long around {centre}; "
+                "give a point in the coordinates of its file"
             )
         return [point]
 

@@ -91,7 +91,7 @@ def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
         seconds=options.limits.seconds,
         memory_mb=options.limits.memory_mb,
         key="tets.limits",
-        what="the mesher",
+        what="The mesher",
     )
 
 
@@ -245,7 +245,7 @@ def _check(
         raise Refused("meshing_failed", "the tetrahedra fall apart")
     change = abs(volumes.sum() / wanted - 1.0)
     if change > max_change:
-        raise Refused("meshing_failed", f"remaking the surface changed the volume by {100 * change:.2g} %")
+        raise Refused("meshing_failed", f"remeshing the surface changed the volume by {100 * change:.2g} %")
     angle = table["min_dihedral_deg"]["min"]
     if angle < min_dihedral_deg:
         raise Refused(
