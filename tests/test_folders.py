@@ -94,7 +94,7 @@ def test_nothing_to_read_is_one_sentence(tmp_path):
         (tmp_path / "gone", "does not exist; name an existing one"),
         (tmp_path / "docs", "holds no mesh files"),
         (tmp_path / "*.obj", "matches no mesh file"),
-        (tmp_path / "**.obj", r"is not a valid glob: '\*\*' means any folders"),
+        (tmp_path / "**.obj", r"is not a valid glob: write '\*\*', which means any folders"),
         (tmp_path / "model.step", "is neither a mesh nor a manifest"),
     ):
         with pytest.raises(NoMeshes, match=said):

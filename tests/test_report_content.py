@@ -99,7 +99,7 @@ def test_warnings_are_counted_and_listed(report_page, tmp_path, vibraverse):
     assert section.count(too_many[0]) == 20
     assert "… and 5 more" in section
     assert "5.0 % of the surface is made up (at most 2 %): wrapped." in section
-    assert "reaches 3.1 % in mode 4 (at most 2 %; 1 of " in section
+    assert "reaches 3.1 % in mode 4 (at most 2 %; above in 1 of " in section
     assert "<code>ball-0000</code> <em>solid</em></th><td>the estimated" in section
     assert "<code>ball-0000</code></th><td>5.0 %" in section
     assert '<a href="#warnings">2</a>' in text
@@ -128,7 +128,7 @@ def test_what_mostly_holds_is_no_warning():
     )
     assert not modal.cautions([np.array([0.001, 0.0192])])
     assert (
-        "reaches 2.9 % in mode 2 (at most 2 %; 1 of 2"
+        "reaches 2.9 % in mode 2 (at most 2 %; above in 1 of 2"
         in modal.cautions([np.array([0.01, 0.005]), [0, 0.0293]])[0]
     )
     record = {"deviation": {"invented": 0.019}, "dropped": {"volume_share": 0.009}, "repairs": ["wrapped"]}

@@ -94,7 +94,7 @@ def test_a_warning_has_a_number_a_threshold_and_the_option_that_helps(tmp_path, 
     lines = out.splitlines()
     (said,) = (line for line in lines if line.startswith("warning: modes: "))
     assert re.search(
-        r"elements reaches [\d.]+ % in mode \d+ \(at most 2 %; \d of 8 modes are above\)\. Raise --elements",
+        r"elements reaches [\d.]+ % in mode \d+ \(at most 2 %; above in \d of 8 modes\)\. Raise --elements",
         said,
     )
     assert not any(line.startswith("warning: tets: ") for line in lines)
