@@ -290,7 +290,7 @@ def test_bad_files(tmp_path, vibraverse, content, words):
 def test_a_missing_file(tmp_path, vibraverse):
     status, _, errors = vibraverse("config", "check", tmp_path / "none.yaml")
     assert status == 2
-    assert errors.endswith("none.yaml does not exist\n")
+    assert errors.endswith("none.yaml does not exist; create it, or name another one\n")
 
 
 def test_check_and_show(tmp_path, vibraverse):
@@ -329,7 +329,7 @@ def test_check_says_what_a_run_would(tmp_path, vibraverse, monkeypatch):
     status, _, errors = vibraverse("config", "check")
     assert (status, errors) == (
         2,
-        "vibraverse: dataset.keep_splits: the file old.tsv does not exist\n",
+        "vibraverse: dataset.keep_splits: the file old.tsv does not exist; name the splits.tsv of a dataset\n",
     )
     said = []
     for part in ("1/2", "2/2"):

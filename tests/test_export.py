@@ -152,7 +152,10 @@ def test_a_column_may_be_named_again_and_numbers_are_numbers(export):
             ("--format", "webdataset", "--where", "material=stell", "solidity=solid"),
             "matches --where: unknown material 'stell'; did you mean 'steel'? (known: ceramic, glass, steel, wood)",
         ),
-        (("--format", "webdataset", "--where", "size_m=0.2"), "size_m is nowhere 0.2; nearest: 0.18"),
+        (
+            ("--format", "webdataset", "--where", "size_m=0.2"),
+            "size_m is 0.2 in no item; take one of the nearest values: 0.18",
+        ),
         (
             ("--format", "webdataset", "--where", "object=ball-0000", "solidity=hollow"),
             "matches --where object=ball-0000 solidity=hollow: each value occurs, but not together",

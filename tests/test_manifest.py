@@ -119,7 +119,7 @@ def test_an_unknown_category_is_one_sentence_where_the_known_ones_are_listed(fol
     [
         (
             "",
-            "is empty: its first line must name the column path, and may name id, size_m, category, licence;",
+            "is empty; name the column path in its first line, and any of id, size_m, category, licence, then",
         ),
         ("\n , \n", "is empty"),
         ("id,size_m\n", "line 1: the column path is missing; add it (known columns: path, id,"),

@@ -100,7 +100,10 @@ def test_without_its_join_the_array_is_cancelled(slurm, vibraverse, cancels):
         (slurm / "scancel").write_text("#!/bin/sh\nexit 1\n")
     status, out, err = vibraverse("submit", "--slices", 5, "--cores", 4)
     assert (status, out) == (2, "")
-    assert "too many jobs; the slices that it was to join, job 101, are " in err
+    assert (
+        "too many jobs; change the options that it names; the slices that it was to join, job 101, are "
+        in err
+    )
     assert err.endswith("cancelled\n" if cancels else "still queued: `scancel 101`\n")
     if cancels:
         assert (slurm / "cancelled").read_text() == "101\n"
