@@ -196,6 +196,8 @@ def _object(paths: Paths, object_id: str, vertices, faces, views: int) -> None:
         "object": object_id,
         "rung": "as it is",
         "repairs": [],
+        "dropped": {"parts": 0, "volume_share": 0.0},
+        "deviation": {"invented": 0.0},
         "vertices": len(vertices),
         "triangles": len(faces),
         "centre": [0.0, 0.0, 0.0],
@@ -241,7 +243,9 @@ def _body(paths: Paths, object_id: str, solidity: str, vertices, faces) -> None:
     write_tets(at(paths.tets), points, tets)
     corners = points[tets]
     volume = float(np.linalg.det(corners[:, 1:] - corners[:, :1]).sum() / 6)
-    record = {"vertices": len(points), "tetrahedra": len(tets), "volume": volume}
+    record = {"vertices": len(points), "tetrahedra": len(tets), "volume": volume, "warnings": []}
+    angle, layers = {"min": 12.5}, {"p05": 1.25, "median": 2.5}
+    record["quality"] = {"wanted": 6000, "min_dihedral_deg": angle, "slivers": 0, "layers": layers}
     record["provenance"] = provenance("tets", object_id, solidity, target_elements=6000)
     products.write_json(at(paths.tets_record), record)
 

@@ -110,7 +110,7 @@ def test_struck_points_need_the_basis_of_the_modes(vibraverse, modes):
     )
     status, _, errors = vibraverse(*command, "--options", points)
     assert status == 2
-    assert errors.splitlines()[-1].endswith("lie on the surface of the basis; name it with --basis basis.h5")
+    assert errors.splitlines()[-1].endswith("need the surface in the basis; name it with --basis basis.h5")
     assert vibraverse(*command)[0] == 0
     with h5py.File(modes, "r+") as file:
         write_provenance(
@@ -164,14 +164,14 @@ def test_a_file_is_no_folder(vibraverse, modes):
     (modes.parent / "sounds").write_text("mine")
     status, errors, folder = render(vibraverse, modes)
     assert status == 2
-    assert "is a file, and the stage writes a folder" in errors
+    assert "is a file, but the stage writes a folder" in errors
     assert folder.read_text() == "mine"
 
 
 def test_nothing_is_left_of_a_failure(vibraverse, modes):
     status, errors, _ = render(vibraverse, modes, '{"sampled": 3}')
     assert status == 2
-    assert "audio.sampled is 3, and the modes are of 0 sampled materials" in errors
+    assert "audio.sampled is 3, but the modes hold 0 sampled materials" in errors
     assert names(modes.parent) == ["basis.h5", "modes.h5"]
 
 

@@ -81,7 +81,7 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         ),
         (
             {"materials": {"own": {**OWN, "young_pa": 200}}},
-            "materials.own.young_pa: 200 Pa is softer than any solid; 200 GPa is written 2.0e+11",
+            "materials.own.young_pa: 200 Pa is softer than any solid; write 2.0e+11 for 200 GPa",
         ),
         (
             {"materials": {"own": {**OWN, "young_pa": 2e14}}},
@@ -89,7 +89,7 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         ),
         (
             {"materials": {"own": {**OWN, "density_kg_m3": 0.75}}},
-            "materials.own.density_kg_m3: 0.75 kg/m³ is lighter than air; 0.75 g/cm³ is written 750",
+            "materials.own.density_kg_m3: 0.75 kg/m³ is lighter than air; write 750 for 0.75 g/cm³",
         ),
         (
             {"materials": {"own": {**OWN, "density_kg_m3": 7.85e6}}},
@@ -98,7 +98,7 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         (
             {"materials": {"own": {**OWN, "density_kg_m3": 7.85, "young_pa": 2e11}}},
             "materials.own: density_kg_m3 7.85 and young_pa 2e+11 are not of one solid, sound would travel at 160 km/s "
-            "and nowhere exceeds 35; 7.85 g/cm³ is written 7850",
+            "and nowhere exceeds 35; write 7850 for 7.85 g/cm³",
         ),
         (
             {"materials": {"own": {**OWN, "young_pa": 1.4e12}}},
@@ -108,15 +108,15 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         (
             {"materials": {"own": {**OWN, "density_kg_m3": 7850, "young_pa": 200_000}}},
             "materials.own: density_kg_m3 7850 and young_pa 200000 are not of one solid, sound would travel at 5.0 m/s "
-            "and is faster than 12 in all that is so dense; 200000 MPa is written 2.0e+11",
+            "and is faster than 12 in all that is so dense; write 2.0e+11 for 200000 MPa",
         ),
         (
             {"sampled": {"young_pa": [0.5, 5e11]}},
-            "sampled.young_pa[0]: 0.5 Pa is softer than any solid; 0.5 GPa is written 5.0e+08",
+            "sampled.young_pa[0]: 0.5 Pa is softer than any solid; write 5.0e+08 for 0.5 GPa",
         ),
         (
             {"sources": {"files": [{"path": "a", "size_m": 200}]}},
-            "sources.files[0].size_m: 200 m is more than the 50 m that an object may have; 200 mm is written 0.2",
+            "sources.files[0].size_m: 200 m is more than the 50 m that an object may have; write 0.2 for 200 mm",
         ),
         (
             {"sources": {"sizes_m": {"mug": 1e-4}}},
@@ -129,7 +129,7 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
         ({"materials": {"own": 5}}, "materials.own must hold keys and values, not 5"),
         (
             {"materials": {"sampled-0001": OWN}},
-            "materials: the name 'sampled-0001' is kept for a sampled material",
+            "materials: the material name 'sampled-0001' is reserved for sampled materials",
         ),
         (
             {"sampled": {"young_pa": [2e9, 1e9]}},
@@ -267,7 +267,7 @@ def test_a_stage_s_options_are_named_with_the_stage():
 @pytest.mark.parametrize(
     ("content", "words"),
     [
-        ("a: [1, 2\nb: 3", "line 2, column 2: not valid YAML"),
+        ("a: [1, 2\nb: 3", "line 2, column 2 is not valid YAML"),
         ("- just\n- a list", 'must hold keys and values, not ["just", "a list"]'),
         ("", "holds no keys; write {} for a run with every default"),
         ("# materials:\n", "config.yaml holds no keys; write {} for"),
@@ -290,7 +290,7 @@ def test_bad_files(tmp_path, vibraverse, content, words):
 def test_a_missing_file(tmp_path, vibraverse):
     status, _, errors = vibraverse("config", "check", tmp_path / "none.yaml")
     assert status == 2
-    assert errors.endswith("none.yaml does not exist\n")
+    assert errors.endswith("none.yaml does not exist; create it, or name another one\n")
 
 
 def test_check_and_show(tmp_path, vibraverse):
@@ -319,7 +319,7 @@ def test_check_looks_for_the_files(tmp_path, vibraverse):
     )
     status, out, err = vibraverse("config", "check", path)
     assert (status, out) == (2, "")
-    assert "sources.files[0].path: there is no file or folder" in err
+    assert "sources.files[0].path: the file or folder " in err
 
 
 def test_check_says_what_a_run_would(tmp_path, vibraverse, monkeypatch):
@@ -329,7 +329,7 @@ def test_check_says_what_a_run_would(tmp_path, vibraverse, monkeypatch):
     status, _, errors = vibraverse("config", "check")
     assert (status, errors) == (
         2,
-        "vibraverse: dataset.keep_splits: the file old.tsv does not exist\n",
+        "vibraverse: dataset.keep_splits: the file old.tsv does not exist; name the splits.tsv of a dataset\n",
     )
     said = []
     for part in ("1/2", "2/2"):

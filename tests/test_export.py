@@ -150,15 +150,18 @@ def test_a_column_may_be_named_again_and_numbers_are_numbers(export):
         ),
         (
             ("--format", "webdataset", "--where", "material=stell", "solidity=solid"),
-            "holds no such items: unknown material 'stell'; did you mean 'steel'? (known: ceramic, glass, steel, wood)",
+            "matches --where: unknown material 'stell'; did you mean 'steel'? (known: ceramic, glass, steel, wood)",
         ),
-        (("--format", "webdataset", "--where", "size_m=0.2"), "size_m is nowhere 0.2; nearest: 0.18"),
+        (
+            ("--format", "webdataset", "--where", "size_m=0.2"),
+            "size_m is 0.2 in no item; take one of the nearest values: 0.18",
+        ),
         (
             ("--format", "webdataset", "--where", "object=ball-0000", "solidity=hollow"),
-            "each of these values occurs, but in no item together (object=ball-0000 solidity=hollow)",
+            "matches --where object=ball-0000 solidity=hollow: each value occurs, but not together",
         ),
-        (("--format", "webdataset", "--where", "modes=many"), "modes is a number in every row, not 'many'"),
-        (("--format", "webdataset", "--parquet"), "--parquet goes with --format huggingface"),
+        (("--format", "webdataset", "--where", "modes=many"), "--where modes must be a number, not 'many'"),
+        (("--format", "webdataset", "--parquet"), "--parquet has no meaning without --format huggingface"),
         (("--format", "webdataset", "--max-mb", "0"), "--max-mb must be greater than 0, not 0"),
     ],
 )
@@ -188,7 +191,7 @@ def test_the_folder_one_stands_in_is_not_replaced(folder, tmp_path, vibraverse, 
     monkeypatch.chdir(tmp_path)
     status, _, said = vibraverse("export", folder, "-o", ".", "--format", "webdataset")
     assert (status, said.count("\n")) == (2, 1)
-    assert "cannot be replaced; name a new one" in said
+    assert "cannot be replaced; name a new folder" in said
 
 
 def test_an_array_too_large_for_json_is_said(export, monkeypatch):

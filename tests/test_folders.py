@@ -91,11 +91,11 @@ def test_glob_and_file(tmp_path):
 def test_nothing_to_read_is_one_sentence(tmp_path):
     make(tmp_path, "docs/readme.txt", "model.step")
     for path, said in (
-        (tmp_path / "gone", "there is no file or folder"),
+        (tmp_path / "gone", "does not exist; name an existing one"),
         (tmp_path / "docs", "holds no mesh files"),
-        (tmp_path / "*.obj", "no mesh file matches"),
-        (tmp_path / "**.obj", r"is not a valid glob: '\*\*' means any folders"),
-        (tmp_path / "model.step", "neither a mesh in a known format"),
+        (tmp_path / "*.obj", "matches no mesh file"),
+        (tmp_path / "**.obj", r"is not a valid glob: write '\*\*', which means any folders"),
+        (tmp_path / "model.step", "is neither a mesh nor a manifest"),
     ):
         with pytest.raises(NoMeshes, match=said):
             find(str(path))

@@ -101,11 +101,11 @@ def test_too_few_are_said_in_a_sentence(two, monkeypatch, capsys):
     assert "3 GPUs asked for, but this machine has 2" in capsys.readouterr().err
     monkeypatch.setenv(gpus.VISIBLE, "1")
     assert cli.main(["gpus", "--claim", "2", "true"]) == 2
-    assert "2 GPUs asked for, but CUDA_VISIBLE_DEVICES='1' shows 1 here" in capsys.readouterr().err
+    assert "2 GPUs asked for, but CUDA_VISIBLE_DEVICES='1' shows 1; ask for fewer" in capsys.readouterr().err
     monkeypatch.delenv(gpus.VISIBLE)
     monkeypatch.setenv("PATH", "/nowhere")
     assert cli.main(["gpus", "--claim", "1", "true"]) == 2
-    assert "a GPU asked for, but nvidia-smi finds none here" in capsys.readouterr().err
+    assert "a GPU asked for, but nvidia-smi finds no GPU here" in capsys.readouterr().err
     assert cli.main(["gpus"]) == 0
     assert "No GPU is visible here" in capsys.readouterr().out
 
@@ -138,7 +138,7 @@ def test_mistakes_in_the_command(two, capsys):
     assert cli.main(["gpus", "--claim", "1"]) == 2
     assert cli.main(["gpus", "train"]) == 2
     assert cli.main(["gpus", "--claim", "1", "no-such-program"]) == 2
-    assert "cannot run no-such-program" in capsys.readouterr().err
+    assert "no-such-program cannot be run" in capsys.readouterr().err
     assert gpus.VISIBLE not in os.environ
     assert not any(map(gpus.claimed, gpus.visible()))
 

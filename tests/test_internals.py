@@ -46,7 +46,7 @@ def found():
         "configuration": dict(internals.configuration(workflow, config)),
         "files": [str(path) for path in internals.config_files(workflow)],
         "main": internals.is_main_process(workflow),
-        "deploys": internals.deploys_software(workflow),
+        "conda": internals.in_conda(workflow),
         "containers": internals.in_containers(workflow),
         "apptainer": internals.apptainer_arguments(workflow),
         "set": list(internals.rules_with_set_resources(workflow)),
@@ -99,7 +99,7 @@ def test_snakemake_and_its_slurm_plugin_are_as_assumed(tmp_path, bin_):
     seen = snakemake(tmp_path, *arguments)
     assert seen["parsed"] == {
         "configuration": {"truth": 2, "mend": 1}, "files": [str(tmp_path / "own.yaml")], "main": True,
-        "deploys": False, "containers": False, "apptainer": "", "set": ["far"], "rules": ["all", "far", "near"],
+        "conda": False, "containers": False, "apptainer": "", "set": ["far"], "rules": ["all", "far", "near"],
     }, seen["said"]  # fmt: skip
     assert seen.get("started", {}).get("executor") == "local", seen["said"]
     assert sorted(job for job in seen["started"]["jobs"] if job[0] != "far") == [
@@ -119,8 +119,8 @@ def test_snakemake_and_its_slurm_plugin_are_as_assumed(tmp_path, bin_):
     stub(bin_, "singularity", "echo apptainer version 1.3.0")
     seen = snakemake(tmp_path, "-n", "--sdm", "apptainer", "--apptainer-args=--nv")
     assert seen["parsed"]["configuration"] == {"lies": 1}, seen["said"]
-    told = {name: seen["parsed"][name] for name in ("files", "deploys", "containers", "apptainer", "set")}
-    assert told == {"files": [], "deploys": True, "containers": True, "apptainer": "--nv", "set": []}
+    told = {name: seen["parsed"][name] for name in ("files", "conda", "containers", "apptainer", "set")}
+    assert told == {"files": [], "conda": False, "containers": True, "apptainer": "--nv", "set": []}
     seen = snakemake(
         tmp_path, "--forceall", "--executor", "slurm", "--jobs", "1", "--slurm-status-command", "sacct"
     )

@@ -271,9 +271,9 @@ def test_the_configuration_lies_beside_the_dataset_and_plans_the_same_run(run, v
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("nowhere.h5",), "there is no file nowhere.h5"),
-        (("config.yaml",), "config.yaml lies in no results folder"),
-        (("results/objects/bar-0000/other.txt",), "is no product of a stage"),
+        (("nowhere.h5",), "the file nowhere.h5 does not exist"),
+        (("config.yaml",), "config.yaml is not in a results folder"),
+        (("results/objects/bar-0000/other.txt",), "is not a product of a stage"),
         (("results/dataset/index.tsv", "--object", "bar-0001"), "index.tsv holds no object 'bar-0001'"),
     ],
 )  # fmt: skip
@@ -289,4 +289,4 @@ def test_mistakes_are_one_sentence(run, vibraverse, monkeypatch, arguments, sent
 def test_nothing_there_is_one_sentence(tmp_path, vibraverse):
     status, _, errors = vibraverse("repair", "--results", tmp_path)
     assert status == 2
-    assert "there is nothing in" in errors
+    assert "holds no objects and no dataset" in errors

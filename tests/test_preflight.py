@@ -222,7 +222,7 @@ def test_a_product_of_an_object_of_before_may_be_a_source(root, tmp_path):
 
 def test_without_apptainer(bin_, monkeypatch):
     monkeypatch.setenv("PATH", str(bin_))
-    assert "there is no command apptainer" in said(preflight.apptainer)
+    assert "the command apptainer is not on the PATH" in said(preflight.apptainer)
     stub(bin_, "apptainer", "true")
     preflight.apptainer()
     monkeypatch.setenv("VIBRAVERSE_IMAGES", "/my images")
@@ -233,9 +233,9 @@ def test_a_missing_image_names_the_remedy(monkeypatch, tmp_path):
     monkeypatch.setenv("VIBRAVERSE_IMAGES", str(tmp_path))
     sentence = said(preflight.images, [containers.image("fem")])
     assert sentence.startswith(f"the image {tmp_path}/vibraverse-fem-")
-    assert "is not there (VIBRAVERSE_IMAGES says where they are); run `make containers`" in sentence
+    assert "does not exist (VIBRAVERSE_IMAGES says where they are); run `make containers`" in sentence
     sentence = said(preflight.images, [containers.image("fem"), containers.image("render")])
-    assert sentence.count("is not there") == 2
+    assert sentence.count("does not exist") == 2
     monkeypatch.setenv("VIBRAVERSE_IMAGES", "docker://registry.example/shapes")
     preflight.images([containers.image("fem")])
 
@@ -277,7 +277,7 @@ def test_a_profile_that_is_not_there_is_named(tmp_path, monkeypatch, arguments, 
         preflight.profile(["snakemake", *arguments])
     else:
         sentence = said(preflight.profile, ["snakemake", *arguments])
-        assert sentence.startswith("there is no profile no/such/slurm; from a folder of your own")
+        assert sentence.startswith("the profile no/such/slurm does not exist; give its whole path")
 
 
 def test_resources_of_a_rule_that_is_not_there(root):

@@ -188,4 +188,4 @@ def test_mistakes_are_one_sentence(results, vibraverse):
     assert refused_files(results)
     status, _, errors = vibraverse("refusals", "--results", results / "nowhere")
     assert status == 2
-    assert "there are no objects in" in errors
+    assert "holds no objects" in errors

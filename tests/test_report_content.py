@@ -15,7 +15,9 @@ from PIL import Image
 
 import make_products
 from vibraverse.contract import products
-from vibraverse.geometry.meshing.cautions import cautions, kind_of
+from vibraverse.geometry.cleaning import cautions as cleaning
+from vibraverse.geometry.meshing import cautions as meshing
+from vibraverse.physics import cautions as modal
 from vibraverse.report import content, quantities, render
 from vibraverse.stages.report import write_assets
 
@@ -77,33 +79,62 @@ def test_sounds_that_are_not_shown_are_counted_apart(report_page, tmp_path):
     assert "sampled materials, are" not in report_page.read_text(encoding="utf-8")
 
 
-def test_warnings_about_meshes_are_counted_and_listed(report_page, tmp_path, vibraverse):
-    table = {"layers": {"thin_share": 0.5, "median": 0.9}, "slivers": 3}
-    said = cautions(table, 9000, 5000)
-    assert [kind_of(sentence) for sentence in said] == ["thin_walls", "many_elements", "slivers"]
-    assert not cautions({"layers": {"thin_share": 0.0, "median": 3}, "slivers": 0}, 5000, 5000)
+def test_warnings_are_counted_and_listed(report_page, tmp_path, vibraverse):
     paths = make_products.make(tmp_path)
-    for object_id, solidity, found in (
-        ("ball-0000", "solid", said),
-        ("bar-0000", "hollow", [*said[2:], *["What no version says."] * 25]),
-    ):
-        record = Path(paths.at(paths.tets_record, object=object_id, solidity=solidity))
-        products.write_json(record, {**products.read_json(record), "warnings": found})
+    clean = Path(paths.at(paths.clean_record, object="ball-0000"))
+    products.write_json(
+        clean, {**products.read_json(clean), "deviation": {"invented": 0.05}, "repairs": ["wrapped"]}
+    )
+    record = Path(paths.at(paths.tets_record, object="bar-0000", solidity="hollow"))
+    too_many = meshing.cautions(50_000, 5000)
+    products.write_json(record, {**products.read_json(record), "warnings": too_many * 25})
+    with h5py.File(paths.at(paths.modes, object="ball-0000", solidity="solid"), "r+") as h5:
+        h5["materials/wood/discretisation_error"][3] = 0.031
     make_products.index(tmp_path, make_products.pack(tmp_path))
     stated = products.read_json(paths.dataset_record)["warnings_by_kind"]
-    assert stated == {"many_elements": 1, "other": 25, "slivers": 2, "thin_walls": 1}
+    assert stated == {"changed_shape": 1, "inaccurate_modes": 1, "many_elements": 25}
     text = make_products.report(tmp_path).read_text(encoding="utf-8")
     section = text.partition('<section id="warnings">')[2].partition("</section>")[0]
-    assert "2 of 3 meshes carry warnings" in section
-    assert section.count("What no version says.") == 20
+    assert "2 of 2 objects carry warnings" in " ".join(section.split())
+    assert section.count(too_many[0]) == 20
     assert "… and 5 more" in section
-    assert '<h3>Some tetrahedra are nearly flat <span class="count">2</span></h3>' in section
-    assert section.count(said[2]) == 2
+    assert "5.0 % of the surface is made up (at most 2 %): wrapped." in section
+    assert "reaches 3.1 % in mode 4 (at most 2 %; above in 1 of " in section
+    assert "<code>ball-0000</code> <em>solid</em></th><td>the estimated" in section
+    assert "<code>ball-0000</code></th><td>5.0 %" in section
     assert '<a href="#warnings">2</a>' in text
     assert 'id="warnings"' not in report_page.read_text(encoding="utf-8")
     status, out, _ = vibraverse("refusals", "--record", paths.dataset_record)
     assert status == 0
-    assert "Warnings about meshes: 1 of many elements, 25 of other, 2 of slivers, 1 of thin walls" in out
+    assert (
+        "Warnings: changed shape (1), inaccurate modes (1), many elements (25); the report lists them." in out
+    )
+
+
+def test_the_numbers_of_every_mesh_are_a_table(report_page):
+    text = report_page.read_text(encoding="utf-8")
+    section = text.partition('<section id="meshes">')[2].partition("</section>")[0]
+    assert section.count("<tr>") == 1 + 3
+    row = section.partition("<code>ball-0000</code>")[2].partition("</tr>")[0]
+    cells = re.findall("<td>(.*?)</td>", row)
+    assert cells[1:] == ["6,000", "2.5", "1.2", "12°", "0", "0.1 %", "0.1 %"]
+
+
+def test_what_mostly_holds_is_no_warning():
+    """The thresholds lie where the numbers of the default run part (docs/tets.md)."""
+    assert not meshing.cautions(21_511, 5000)
+    assert meshing.cautions(40_001, 5000)[0].startswith(
+        "40001 tetrahedra, 8.0 times tets.target_elements (at most 8)"
+    )
+    assert not modal.cautions([np.array([0.001, 0.0192])])
+    assert (
+        "reaches 2.9 % in mode 2 (at most 2 %; above in 1 of 2"
+        in modal.cautions([np.array([0.01, 0.005]), [0, 0.0293]])[0]
+    )
+    record = {"deviation": {"invented": 0.019}, "dropped": {"volume_share": 0.009}, "repairs": ["wrapped"]}
+    assert not cleaning.cautions(record)
+    (said,) = cleaning.cautions({**record, "dropped": {"volume_share": 0.127}})
+    assert said.startswith("12.7 % of the volume is left out (at most 1 %)")
 
 
 def test_a_dataset_of_refusals_alone_has_a_page(tmp_path):

@@ -121,7 +121,7 @@ def test_slices_and_a_join_give_the_bytes_of_one_run(whole, root, tmp_path):
     run = Run(tmp_path, root, TWO)
     early = run("--config", "slice=join", check=False)
     assert early.returncode == 2
-    assert "of them are not there (000" in early.stdout + early.stderr
+    assert "of them do not exist (000" in early.stdout + early.stderr
     # Two slices at once in one folder, from the same command but for its number.
     both = [run.start("--config", f"slice={i}/2") for i in (1, 2)]
     assert [process.wait() for process in both] == [0, 0]

@@ -26,9 +26,9 @@ def cluster(bin_):
     [
         (
             {"slurm_partition": "fast"},
-            "no partition 'fast', which the rule tets asks for; there are: cpu, gpu.",
+            "no partition 'fast', which the rule tets asks for; set slurm_partition in the profile to one of: cpu, gpu",
         ),
-        ({"gpu": 1}, "asks for a GPU, but the partition cpu has none; GPUs are in: gpu."),
+        ({"gpu": 1}, "asks for a GPU, but the partition cpu has none; GPUs are in: gpu;"),
         ({"mem_mb": 64001}, "asks for 64001 MB, but the largest node of the partition cpu has 64000 MB"),
         ({"slurm_partition": "gpu", "mem_mb": 40000}, "the partition gpu has 32000 MB"),
         (
@@ -53,7 +53,7 @@ def test_a_slurm_that_does_not_answer(bin_, monkeypatch):
     stub(bin_, "sinfo", "echo 'slurm_load_partitions: Unable to contact slurm controller' >&2; exit 1")
     assert "Slurm does not answer (slurm_load_partitions: Unable" in said(slurm.check, [])
     monkeypatch.setenv("PATH", "/nowhere")
-    assert "there is no command sinfo here" in said(slurm.check, [])
+    assert "the command sinfo is not on the PATH" in said(slurm.check, [])
 
 
 def test_jobs_of_an_earlier_run_are_waited_for(cluster, tmp_path):

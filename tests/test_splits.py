@@ -241,7 +241,7 @@ def test_splits_of_an_earlier_dataset_are_kept(grown, tmp_path, vibraverse):
     rows = dict(line.split("\t")[:2] for line in (tmp_path / "splits").read_text().splitlines()[1:])
     assert rows == {**dict.fromkeys(("ball-0000", *pebbles), "train"), "bar-0000": "validation"}
     for text, words in (
-        ("no table\n", "is no splits.tsv of a dataset"),
+        ("no table\n", "is not the splits.tsv of a dataset"),
         (f"{header}bar-0000\ttrian\t\n", "unknown split 'trian'; did you mean 'train'?"),
     ):
         status, _, err = index(text)

@@ -349,4 +349,7 @@ def test_a_run_that_works_is_noticed_by_its_lock(plan, vibraverse):
 
 def test_a_wrong_configuration_is_one_sentence(plan, vibraverse):
     status, _, errors = vibraverse("status", "--config", "none.yaml")
-    assert (status, errors) == (2, "vibraverse: the configuration file none.yaml does not exist\n")
+    assert (status, errors) == (
+        2,
+        "vibraverse: the configuration file none.yaml does not exist; create it, or name another one\n",
+    )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 
 import numpy as np
 import pytest
@@ -81,16 +82,25 @@ def test_json_to_the_terminal_and_default_name(cube, tmp_path, vibraverse, monke
     assert (tmp_path / "my cube-ceramic.wav").is_file()
 
 
-def test_what_tets_warn_of_names_the_option(tmp_path, vibraverse):
-    trimesh.creation.box((10, 10, 0.2)).export(tmp_path / "sheet.stl")
+def test_a_warning_has_a_number_a_threshold_and_the_option_that_helps(tmp_path, vibraverse):
+    sheet = trimesh.creation.box((10, 10, 0.2))
+    sheet.update_faces(np.arange(len(sheet.faces)) != sheet.face_normals[:, 2].argmax())  # a hole
+    sheet.export(tmp_path / "sheet.stl")
     status, out, err = vibraverse(
         "strike", tmp_path / "sheet.stl", "--elements", 300, "--modes", 8, "--order", 1,
         "-o", tmp_path / "sheet.wav",
     )  # fmt: skip
     assert status == 0, err
-    notes = [line for line in out.splitlines() if line.startswith("note: tets: ")]
-    assert any("walls thinner than 2 elements" in note for note in notes)
-    assert any(note.endswith("raise --elements where bending matters") for note in notes)
+    lines = out.splitlines()
+    (said,) = (line for line in lines if line.startswith("warning: modes: "))
+    assert re.search(
+        r"elements reaches [\d.]+ % in mode \d+ \(at most 2 %; above in \d of 8 modes\)\. Raise --elements",
+        said,
+    )
+    assert not any(line.startswith("warning: tets: ") for line in lines)
+    assert sum(line.startswith("repaired: ") for line in lines) == 1
+    (made_up,) = (line for line in lines if line.startswith("warning: clean: "))
+    assert re.search(r"clean: [\d.]+ % of the surface is made up \(at most 2 %\): closed the holes", made_up)
 
 
 @pytest.mark.parametrize(
@@ -154,7 +164,7 @@ def test_a_bad_mesh_is_one_sentence(tmp_path, vibraverse, monkeypatch, name, con
 def test_missing_file_and_wrong_kind(tmp_path, vibraverse):
     assert "does not exist" in vibraverse("strike", tmp_path / "no.obj")[2]
     (tmp_path / "a.txt").write_text("x")
-    assert "is no mesh file" in vibraverse("strike", tmp_path / "a.txt")[2]
+    assert "is not a mesh file" in vibraverse("strike", tmp_path / "a.txt")[2]
 
 
 def test_every_material_of_the_table_is_offered(vibraverse):

@@ -100,7 +100,10 @@ def test_without_its_join_the_array_is_cancelled(slurm, vibraverse, cancels):
         (slurm / "scancel").write_text("#!/bin/sh\nexit 1\n")
     status, out, err = vibraverse("submit", "--slices", 5, "--cores", 4)
     assert (status, out) == (2, "")
-    assert "too many jobs; the slices that it was to join, job 101, are " in err
+    assert (
+        "too many jobs; change the options that it names; the slices that it was to join, job 101, are "
+        in err
+    )
     assert err.endswith("cancelled\n" if cancels else "still queued: `scancel 101`\n")
     if cancels:
         assert (slurm / "cancelled").read_text() == "101\n"
@@ -113,12 +116,15 @@ def test_without_its_join_the_array_is_cancelled(slurm, vibraverse, cancels):
         (["--slices", 0], "--slices must be at least 1"),
         (["--slices", 5, "--cores", 0], "--cores must be at least 1"),
         (["--slices", 5, "--mem-mb", 500], "--mem-mb must be more than"),
-        (["--slices", 5, "--profile", "nowhere"], "there is no profile nowhere"),
+        (["--slices", 5, "--profile", "nowhere"], "nowhere is not a profile: "),
         (["--slices", 5, "--configfile", "no.yaml"], "no.yaml does not exist"),
         (["--slices", 5, "--", "--config", "results=other"], "--config cannot stand after --"),
         (["--slices", 5, "--", "--until", "audio", "-Cresults=other"], "-C cannot stand after --"),
         (["--slices", 5, "--", "--configfile=other.yaml"], "--configfile cannot stand after --"),
-        (["--slices", 5, "--partition", "fast"], "Slurm has no partition 'fast'; there are: cpu, gpu, old"),
+        (
+            ["--slices", 5, "--partition", "fast"],
+            "Slurm has no partition 'fast'; choose --partition from: cpu, gpu, old",
+        ),
         (["--slices", 5, "--mem-mb", 2000, "--partition", "gpu,old"], "the join would ask for 5500 MB"),
         (["--slices", 5, "--cores", 16], "65500 MB, but the largest node of the partition cpu has 24000 MB"),
     ],
@@ -148,4 +154,4 @@ def test_without_slurm_nothing_is_submitted(folder, monkeypatch, vibraverse):
     monkeypatch.setenv("PATH", str(folder))
     status, _, err = vibraverse("submit", "--slices", 5)
     assert status == 2
-    assert "there is no command sinfo here" in err
+    assert "the command sinfo is not on the PATH" in err

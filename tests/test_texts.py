@@ -9,7 +9,7 @@ def test_few_known_names_are_listed_in_their_order():
     assert unknown("look", "clai", ("steel", "clay")) == (
         "unknown look 'clai'; did you mean 'clay'? (known: steel, clay)"
     )
-    assert unknown("object", "bar", []) == "unknown object 'bar' (there is none)"
+    assert unknown("object", "bar", []) == "unknown object 'bar' (known: none)"
 
 
 def test_of_many_known_names_the_nearest_are_listed():

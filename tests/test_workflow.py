@@ -271,7 +271,7 @@ def test_a_bad_configuration_is_one_sentence(tmp_path, root, change, sentence):
 @pytest.mark.parametrize(
     ("content", "sentence"),
     [
-        (b"a: [b\n", "config.yaml, line 2, column 1: not valid YAML, expected ',' or ']', but got"),
+        (b"a: [b\n", "config.yaml, line 2, column 1 is not valid YAML: expected ',' or ']', but got"),
         (b"- a\n", 'config.yaml must hold keys and values, not ["a"]'),
         (b"", "config.yaml holds no keys; write {} for a run with every default"),
         (b"a: \xff\n", "config.yaml is not valid YAML: 'utf-8' codec can't decode byte 0xff"),

@@ -184,7 +184,7 @@ def _run_stage(step: Step, argv: list[str]) -> None:
         try:
             options = validate(section(step.options), json.loads(values["options"]), prefix=step.name)
         except json.JSONDecodeError as error:
-            raise UsageError(f"--options is not valid JSON: {error}") from None
+            raise UsageError(f"--options is not valid JSON: {error}; write an object, as in '{{}}'") from None
 
     def named(group: str, arguments) -> dict:
         return {key: values[f"{group}.{key}"] for key in arguments if values[f"{group}.{key}"] is not None}

@@ -44,13 +44,17 @@ def main(argv: list[str]) -> int:
     parser.add_argument("--max-mb", type=float, default=500.0, help="largest size of a file (default 500)")
     chosen = parser.parse_args(argv)
     if chosen.parquet and chosen.format != "huggingface":
-        raise UsageError("export: --parquet goes with --format huggingface")
+        raise UsageError(
+            "export: --parquet has no meaning without --format huggingface; add it, or leave --parquet out"
+        )
     if chosen.max_mb <= 0:
         raise UsageError(f"export: --max-mb must be greater than 0, not {chosen.max_mb:g}")
     if chosen.output.exists() and (not chosen.output.is_dir() or any(chosen.output.iterdir())):
         raise UsageError(f"export: {chosen.output} is not empty; name a new folder")
     if chosen.output.resolve() == Path.cwd():
-        raise UsageError("export: the folder you stand in cannot be replaced; name a new one")
+        raise UsageError(
+            f"export: {chosen.output} is the working folder and cannot be replaced; name a new folder"
+        )
     _export(chosen)
     return 0
 
@@ -70,8 +74,8 @@ def _export(chosen) -> None:
             reader = reader.with_sampled() if chosen.sampled else reader
             if not len(reader):
                 raise UsageError(
-                    f"export: {chosen.dataset} holds no such items: each of these values occurs, but in no item "
-                    f"together ({' '.join(chosen.where)})"
+                    f"export: no item of {chosen.dataset} matches --where {' '.join(chosen.where)}: each value occurs, "
+                    "but not together; leave out one condition"
                 )
             with _new_folder(chosen.output) as folder:
                 most = int(chosen.max_mb * 2**20)
@@ -113,7 +117,7 @@ def _conditions(texts: list[str]) -> dict[str, list]:
         try:
             found.setdefault(column, []).extend(map(kind, values.split(",")))
         except ValueError:
-            raise UsageError(f"export: {column} is a number in every row, not {values!r}") from None
+            raise UsageError(f"export: --where {column} must be a number, not {values!r}") from None
     return found
 
 
@@ -125,7 +129,7 @@ def _check_values(dataset: str, items: list[dict], conditions: dict[str, list]) 
         for value in absent:
             sentence = _absent(column, value, there)
             if len(absent) == len(values):
-                raise UsageError(f"export: {dataset} holds no such items: {sentence}")
+                raise UsageError(f"export: no item of {dataset} matches --where: {sentence}")
             print(f"vibraverse: export: passed over: {sentence}", file=sys.stderr)
 
 
@@ -136,4 +140,4 @@ def _absent(column: str, value, there: list) -> str:
     if isinstance(value, str):
         return unknown(column, value, sorted(filter(None, there)))
     near = sorted(there, key=lambda other: abs(other - value))[:_NEAREST]
-    return f"{column} is nowhere {value}; nearest: {', '.join(map(str, near))}"
+    return f"{column} is {value} in no item; take one of the nearest values: {', '.join(map(str, near))}"

@@ -31,10 +31,14 @@ def main(argv: list[str]) -> int:
     command = chosen.command[1:] if chosen.command[:1] == ["--"] else chosen.command
     if chosen.claim is None:
         if command:
-            raise UsageError("how many GPUs is the command to have? vibraverse gpus --claim 1 COMMAND …")
+            raise UsageError(
+                "the command does not say how many GPUs it needs; write `vibraverse gpus --claim 1 COMMAND …`"
+            )
         return _list()
     if chosen.claim < 1 or not command:
-        raise UsageError("give a number of GPUs and a command: vibraverse gpus --claim 1 COMMAND …")
+        raise UsageError(
+            "--claim must be at least 1 and needs a command after it; write `vibraverse gpus --claim 1 COMMAND …`"
+        )
     try:
         with gpus.Claim(chosen.claim, chosen.wait, inherited=True):
             signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # which Python ignores, and the program would, too
@@ -42,7 +46,9 @@ def main(argv: list[str]) -> int:
     except gpus.NoGPU as missing:
         raise UsageError(str(missing)) from None
     except OSError as error:
-        raise UsageError(f"cannot run {command[0]}: {error.strerror}") from None
+        raise UsageError(
+            f"{command[0]} cannot be run: {error.strerror}; check its name and the PATH"
+        ) from None
 
 
 def _list() -> int:

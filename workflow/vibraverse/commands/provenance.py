@@ -40,12 +40,16 @@ def main(argv: list[str]) -> int:
     )
     chosen = parser.parse_args(argv)
     if not chosen.file.is_file():
-        raise UsageError(f"there is no file {chosen.file}")
+        raise UsageError(
+            f"the file {chosen.file} does not exist; name a product, as in results/objects/ID/surface.ply"
+        )
     paths, inside = _results_of(chosen.file)
     if inside[0] == "objects":
         made = makers(jobs(paths, inside[1])).get(Path(paths.results, *inside))
         if made is None:
-            raise UsageError(f"{chosen.file} is no product of a stage")
+            raise UsageError(
+                f"{chosen.file} is not a product of a stage; name one, as in results/objects/ID/surface.ply"
+            )
         found, last = chain([made]), []
     else:
         found, last = _of_dataset(paths, chosen.file, "/".join(inside), chosen.object)
@@ -75,7 +79,7 @@ def _results_of(file: Path) -> tuple[Paths, tuple[str, ...]]:
     if file.name == "verdict.json":
         return Paths(str(file.parent)), (file.name,)
     raise UsageError(
-        f"{file} lies in no results folder: name it with its path from there on, as in results/objects/ID/surface.ply"
+        f"{file} is not in a results folder; name a product with its path, as in results/objects/ID/surface.ply"
     )
 
 
@@ -107,7 +111,9 @@ def _of_dataset(
                 )
             )
     if not held and only is not None:
-        raise UsageError(f"{file} holds no object {only!r}; index.tsv lists what there is")
+        raise UsageError(
+            f"{file} holds no object {only!r}; take --object from the first column of dataset/index.tsv"
+        )
     last += [] if is_shard else _after_shards(paths, shards, file, inside)
     return [made for each in held.values() for made in each], last
 
@@ -133,7 +139,9 @@ def _after_shards(paths: Paths, shards: list[Path], file: Path, inside: str) -> 
     elif inside.startswith("report/"):
         log = Path(paths.log("report"))
         if not log.is_file():
-            raise UsageError(f"{log} is gone: it holds the command that made {file}")
+            raise UsageError(
+                f"{log}, which holds the command that made {file}, does not exist; delete {file} and repeat the run"
+            )
         found.append((f"report\n    makes  {file}", log.read_text(encoding="utf-8").split("\n")[0]))
     return found
 

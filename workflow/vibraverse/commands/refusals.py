@@ -96,7 +96,7 @@ def main(argv: list[str]) -> int:
 class State:
     """How many objects there are, of how many nothing is left, and the rows of ``refusals.tsv``.
 
-    ``warnings`` are those about meshes, counted by kind, where a finished dataset says them.
+    ``warnings`` are counted by kind, where a finished dataset says them.
     """
 
     objects: int
@@ -130,8 +130,8 @@ def listing(state: State) -> str:
         if len(rows) > _SHOWN:
             lines.append(f"  … and {len(rows) - _SHOWN} more; dataset/refusals.tsv lists all")
     if state.warnings:
-        told = ", ".join(f"{count} of {kind.replace('_', ' ')}" for kind, count in state.warnings.items())
-        lines += ["", f"Warnings about meshes: {told}; the report lists them."]
+        told = ", ".join(f"{kind.replace('_', ' ')} ({count})" for kind, count in state.warnings.items())
+        lines += ["", f"Warnings: {told}; the report lists them."]
     return "\n".join(lines) + "\n"
 
 
@@ -140,7 +140,7 @@ def _recorded(record: Path) -> State:
     table = record.with_name("refusals.tsv")
     for path in (record, table):
         if not path.is_file():
-            raise UsageError(f"{path} does not exist; is the dataset finished?")
+            raise UsageError(f"{path} does not exist, so the dataset is not finished; finish the run first")
     said = products.read_json(record)
     counts = said["counts"]
     rows = from_tsv(table.read_text(encoding="utf-8"), REFUSAL_COLUMNS)
@@ -152,7 +152,7 @@ def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refu
     existing = objects_in(paths)
     if not existing:
         raise UsageError(
-            f"there are no objects in {paths.results}/objects; is --results the folder of a run?"
+            f"{paths.results}/objects holds no objects; give the results folder of a run with --results"
         )
     for object_id in objects or ():
         _known(object_id, existing, "object")

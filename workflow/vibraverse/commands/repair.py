@@ -33,7 +33,9 @@ def main(argv: list[str]) -> int:
     paths = run_paths(chosen)
     objects, has_dataset = objects_in(paths), Path(paths.dataset_record).is_file()
     if not objects and not has_dataset:
-        raise UsageError(f"there is nothing in {paths.results}; is --results the folder of a run?")
+        raise UsageError(
+            f"{paths.results} holds no objects and no dataset; give the results folder of a run with --results"
+        )
     with locks.only_run(paths.results) if chosen.delete else nullcontext():
         again = advised("repair", "--delete", config=chosen.config, results=chosen.results)
         return _repaired(paths, objects, has_dataset, chosen.delete, again)

@@ -146,16 +146,16 @@ class _Strike:
         self.mesh: Path = arguments.mesh
         if not self.mesh.is_file():
             wrong = "is not a file" if self.mesh.exists() else "does not exist"
-            raise UsageError(f"the mesh file {self.mesh} {wrong}")
+            raise UsageError(f"the mesh file {self.mesh} {wrong}; name an existing file")
         if not is_mesh(self.mesh.name):
             raise UsageError(
-                f"{self.mesh.name} is no mesh file: OBJ, STL, PLY, OFF, GLB, glTF and 3MF are read"
+                f"{self.mesh.name} is not a mesh file; export it as OBJ, STL, PLY, OFF, GLB, glTF or 3MF"
             )
         self.object = slug(self.mesh.stem)
         self.solidity = "solid" if arguments.hollow is None else "hollow"
         self.threads = arguments.threads
         if arguments.threads < 1:
-            raise UsageError("--threads must be at least 1")
+            raise UsageError(f"--threads must be at least 1, not {arguments.threads}")
         self.material = self._material(arguments)
         self.material_name = arguments.material
         self.point = self._point(arguments.at)
@@ -185,7 +185,7 @@ class _Strike:
         self.output = arguments.output or Path(f"{self.mesh.stem}-{self.material_name}.wav")
         for path in (self.output, *([Path(arguments.json)] if arguments.json not in (None, "-") else [])):
             if not path.absolute().parent.is_dir():
-                raise UsageError(f"the folder of {path} does not exist")
+                raise UsageError(f"the folder of {path} does not exist; create it, or choose another")
             if path.is_dir():
                 raise UsageError(f"{path} is a folder; name a file in it")
 
@@ -220,8 +220,8 @@ class _Strike:
         if max(map(abs, point)) > 1:
             place, centre = (",".join(f"{x:g}" for x in xs) for xs in (self.point, clean["centre"]))
             raise UsageError(
-                f"--at {place} is not on the mesh, which is {LONGEST_SIDE / clean['scale']:g} long around {centre} in "
-                "the coordinates of its file"
+                f"--at {place} is not on the mesh, which is {LONGEST_SIDE / clean['scale']:g} long around {centre}; "
+                "give a point in the coordinates of its file"
             )
         return [point]
 
@@ -273,6 +273,9 @@ class _Strike:
     def _facts(self, modes_path: Path, clean: dict, tets: dict, rendered: dict) -> dict:
         import h5py
 
+        from vibraverse.geometry.cleaning.cautions import cautions as of_surface
+        from vibraverse.physics.cautions import cautions as of_modes
+
         with h5py.File(modes_path) as h5:
             group = h5[f"materials/{self.material_name}"]
             size_m, volume_m3 = float(h5.attrs["size_m"]), float(h5.attrs["volume_m3"])
@@ -282,21 +285,32 @@ class _Strike:
         struck_at = rendered["struck_at"]
         if struck_at is not None:
             struck_at = [x / clean["scale"] + c for x, c in zip(struck_at, clean["centre"], strict=True)]
-        warnings = [f"clean: {note}" for note in clean.get("repairs", [])]
-        said = (note.replace("tets.target_elements", _FLAGS["target_elements"]) for note in tets["warnings"])
-        warnings += [f"tets: {note.rstrip('.')}" for note in said]
-        if error.max() > self.options["modes"].tolerance:
-            warnings.append(f"modes: the estimated frequency error reaches {error.max():.1e}")
+        warnings = [f"clean: {sentence}" for sentence in of_surface(clean)]
+        said = [f"tets: {sentence}" for sentence in tets["warnings"]]
+        said += [f"modes: {sentence}" for sentence in of_modes([element_error])]
+        flag = _FLAGS["target_elements"]
+        warnings += [sentence.replace("tets.target_elements", flag) for sentence in said]
+        tolerance = self.options["modes"].tolerance
+        if error.max() > tolerance:
+            warnings.append(
+                f"modes: the estimated frequency error by the basis reaches {error.max():.1e} (at most {tolerance:.0e})"
+            )
         if rendered["modes_above_nyquist"]:
             left_out = (
-                f"{rendered['modes_above_nyquist']} modes are too high for the sample rate and left out"
+                f"{rendered['modes_above_nyquist']} of {len(frequencies)} modes are above half the sample rate "
+                f"({Audio().sample_rate_hz / 2:g} Hz) and left out"
             )
             silent = "" if rendered["modes_rendered"] else "silent, since "
             warnings.append(f"audio: {silent}{left_out}; a larger --size lowers them")
         if rendered["modes_overdamped"]:
-            warnings.append(f"audio: {rendered['modes_overdamped']} modes are overdamped and do not ring")
+            warnings.append(
+                f"audio: {rendered['modes_overdamped']} of {len(frequencies)} modes are overdamped and do not ring; "
+                "lower --alpha or --beta"
+            )
         if not clean.get("size_m") and not self.options["modes"].size_m:
-            warnings.append(f"size: the file states no unit; its longest side is taken as {size_m:g} m")
+            warnings.append(
+                f"size: the file states no unit; its longest side is taken as {size_m:g} m; give --size"
+            )
         return {
             "mesh": self.mesh.name,
             "material": self.material_name,
@@ -314,6 +328,7 @@ class _Strike:
             "discretisation_error": element_error.tolist(),
             "duration_s": rendered["duration_s"],
             "struck_at": struck_at,
+            "repairs": clean["repairs"],
             "warnings": warnings,
         }
 
@@ -351,6 +366,8 @@ def _tell(facts: dict, output: Path, stream) -> None:
     if facts["struck_at"] is not None:
         point = ", ".join(f"{x:.4g}" for x in facts["struck_at"])
         print(f"struck at ({point}), the surface point nearest to the one asked for", file=stream)
+    if facts["repairs"]:
+        print(f"repaired: {', '.join(facts['repairs'])}", file=stream)
     for warning in facts["warnings"]:
-        print(f"note: {warning}", file=stream)
+        print(f"warning: {warning.rstrip('.')}", file=stream)
     print(f"wrote {output} ({facts['duration_s']:.2f} s)", file=stream)

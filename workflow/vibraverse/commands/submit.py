@@ -170,10 +170,14 @@ def _checked(chosen: argparse.Namespace):
         if value is not None and value < 1:
             raise UsageError(f"--{option.replace('_', '-')} must be at least 1, not {value}")
     if chosen.mem_mb is not None and chosen.mem_mb <= SNAKEMAKE_MB:
-        raise UsageError(f"--mem-mb must be more than the {SNAKEMAKE_MB} that Snakemake itself may take")
+        raise UsageError(
+            f"--mem-mb must be more than the {SNAKEMAKE_MB} that Snakemake itself may take, not {chosen.mem_mb}"
+        )
     settings = chosen.profile / "config.yaml"
     if not settings.is_file():
-        raise UsageError(f"there is no profile {chosen.profile}: {settings} does not exist")
+        raise UsageError(
+            f"{chosen.profile} is not a profile: {settings} does not exist; choose one of workflow/profiles"
+        )
     executor = (yaml.safe_load(settings.read_text(encoding="utf-8")) or {}).get("executor", "local")
     if executor != "local":
         raise UsageError(
@@ -209,7 +213,9 @@ def _ready(chosen: argparse.Namespace) -> None:
     names = chosen.partition or default
     for name in names.split(",") if names else []:
         if name not in there:
-            raise UsageError(f"Slurm has no partition {name!r}; there are: {', '.join(sorted(there))}")
+            raise UsageError(
+                f"Slurm has no partition {name!r}; choose --partition from: {', '.join(sorted(there))}"
+            )
         largest = there[name].memory_mb
         for job, memory_mb, remedy in asked:
             if largest < memory_mb:
@@ -238,5 +244,7 @@ def _sbatch(script: str, *options: str) -> str:
         ["sbatch", "--parsable", *options], input=script, capture_output=True, text=True, env=environment
     )
     if done.returncode != 0:
-        raise UsageError(f"Slurm did not take the job: {' '.join(done.stderr.split())}")
+        raise UsageError(
+            f"Slurm refused the job: {' '.join(done.stderr.split())}; change the options that it names"
+        )
     return done.stdout.strip().split(";")[0]

@@ -119,7 +119,9 @@ class Config(Section):
             if not name.replace("-", "").replace("_", "").isalnum():
                 raise ValueError(f"the material name {name!r} may hold only letters, digits, '-' and '_'")
             if sampled_number(name) is not None:
-                raise ValueError(f"the name {name!r} is kept for a sampled material")
+                raise ValueError(
+                    f"the material name {name!r} is reserved for sampled materials; choose another"
+                )
         return {name: values or Material(**MATERIALS[name]) for name, values in materials.items()}
 
     @field_validator("solidities")
@@ -156,7 +158,7 @@ class Config(Section):
         if self.sampled.count and not lowest <= low <= high <= highest:
             raise ValueError(
                 f"sampled.poisson ({low:g} to {high:g}) must lie in basis.poisson_range ({lowest:g} to {highest:g}): "
-                "sampled materials are never solved on the mesh"
+                "sampled materials are never solved on the mesh; narrow the one, or widen the other"
             )
         if self.audio.sampled > self.sampled.count:
             raise ValueError(
@@ -201,15 +203,19 @@ def read(path: str | Path) -> dict:
 
     path = Path(path)
     if not path.is_file():
-        raise ConfigError(f"the configuration file {path} does not exist")
+        raise ConfigError(f"the configuration file {path} does not exist; create it, or name another one")
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         place = f", line {mark.line + 1}, column {mark.column + 1}" if mark else ""
-        raise ConfigError(f"{path}{place}: not valid YAML, {error.problem or error.context}") from None
+        raise ConfigError(
+            f"{path}{place} is not valid YAML: {error.problem or error.context}; correct that line"
+        ) from None
     except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ConfigError(f"{path} is not valid YAML: {' '.join(str(error).split())}") from None
+        raise ConfigError(
+            f"{path} is not valid YAML: {' '.join(str(error).split())}; save it as UTF-8 text"
+        ) from None
     if values is None:  # Snakemake takes no such file either
         raise ConfigError(f"{path} holds no keys; write {{}} for a run with every default")
     if not isinstance(values, dict):
@@ -279,7 +285,7 @@ def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
     if error["type"] == "value_error":
         return f"{key}: {error['ctx']['error']}" if key else str(error["ctx"]["error"])
     if error["type"] == "missing":
-        return f"{key} is missing"
+        return f"{key} is missing; add it"
     if error["type"] == "invalid_key":
         return f"the key {key!r} must be text"
     if error["type"] in _EXPECTED:

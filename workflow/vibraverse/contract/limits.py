@@ -143,7 +143,7 @@ def run_limited(
     if status == "refused":
         raise value
     print(f"{what}: {status}; last words: {words}", file=sys.stderr)
-    said = f" Its last words: {words.splitlines()[-1]}" if words else ""
+    said = f" Its last words: {words.splitlines()[-1].rstrip('.')}." if words else ""
     if status == "timeout":
         raise Refused(
             "limit",

@@ -18,7 +18,7 @@ def slice_numbers(text: str) -> tuple[int, int]:
     first, _, second = text.partition("/")
     if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
         return int(first), int(second)
-    raise ValueError(f"{text!r} is neither '{JOIN}' nor a slice such as 3/50, the third of fifty")
+    raise ValueError(f"{text!r} is not a slice; write '{JOIN}', or 3/50 for the third of fifty")
 
 
 def shards_of_slice(text: str, shards: int) -> list[int]:

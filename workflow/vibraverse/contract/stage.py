@@ -146,7 +146,7 @@ def _run(job: Job, work: Callable[[Job], None]) -> str:
     for path in _flat(job.inputs):
         if not path.is_file():  # opening a pipe would wait for ever
             wrong = "is not a file" if path.exists() else "does not exist"
-            raise UsageError(f"{job.step.name}: the input {path} {wrong}")
+            raise UsageError(f"{job.step.name}: the input {path} {wrong}; name an existing file")
     for name in job.step.folders:
         _check_ours(job.step, name, job.final[name])
     started, cpu_before = time.perf_counter(), _cpu_s()
@@ -218,7 +218,7 @@ def _check_ours(step: Step, name: str, folder: Path) -> None:
     if not folder.exists():
         return
     if not folder.is_dir():
-        raise UsageError(f"{name}: {folder} is a file, and the stage writes a folder; name another one")
+        raise UsageError(f"{name}: {folder} is a file, but the stage writes a folder; name another one")
     record = step.outputs[name].record_in(folder)
     try:
         written = set(products.read_provenance(record)["output_sha256"][name])

@@ -29,7 +29,7 @@ def unknown(kind: str, name: str, known) -> str:
     near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
     hint = f"; did you mean {near[0]!r}?" if near else ""
     if not names:
-        return f"unknown {kind} {str(name)!r} (there is none)"
+        return f"unknown {kind} {str(name)!r} (known: none)"
     if len(names) > _MANY:
         nearest = difflib.get_close_matches(str(name), names, n=_NEAREST, cutoff=0.0)
         names = [*nearest, f"and {len(names) - len(nearest)} more"]

@@ -27,6 +27,7 @@ from vibraverse.files.formats.threemf import parse_3mf
 from vibraverse.sources.search import FORMATS, open_regular
 
 _EXPORT_AGAIN = "Export it again from the program that made it."
+_EXPORT_WHOLE = "Export it again, completely: the file seems cut off."
 _CHECK_NAME = "Check that the file is whole and that its extension tells its format, then export it again."
 
 
@@ -82,7 +83,9 @@ def read_mesh(
             "too_large", f"{name} {said(error)}.", "Simplify the mesh, or raise clean.max_triangles."
         ) from None
     except MemoryError:
-        raise Refused("too_large", f"{name} needs more memory than there is.", "Simplify the mesh.") from None
+        raise Refused(
+            "too_large", f"{name} needs more memory than this machine has.", "Simplify the mesh."
+        ) from None
     except Exception as error:
         what = said(error)
         if isinstance(error, KeyError):
@@ -114,7 +117,7 @@ def _checked(mesh: MeshData, name: str) -> MeshData:
         raise Refused(
             "unreadable",
             f"{name} has a triangle at vertex {wrong}, but its vertices are 0 to {len(vertices) - 1}.",
-            f"The file seems cut off. {_EXPORT_AGAIN}",
+            _EXPORT_WHOLE,
         )
     bad = int((~np.isfinite(vertices)).any(axis=1).sum())
     if bad:

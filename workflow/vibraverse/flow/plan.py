@@ -62,7 +62,9 @@ class Plan:
     def _check_kept(self, named: str) -> None:
         kept = Path(named).expanduser()
         if not kept.is_file():
-            raise ConfigError(f"dataset.keep_splits: the file {named} does not exist")
+            raise ConfigError(
+                f"dataset.keep_splits: the file {named} does not exist; name the splits.tsv of a dataset"
+            )
         if kept.resolve() == Path(self.paths.splits).resolve():
             raise ConfigError(
                 f"dataset.keep_splits: {named} is the table that this run itself writes; copy it and name the copy"

@@ -96,7 +96,7 @@ STEPS = (
     ),
     Step(
         name="tets",
-        version=7,
+        version=8,
         help="fill a surface with tetrahedra",
         per=BODY,
         family="geometry",

@@ -102,7 +102,7 @@ def hollow(
     if reach < _FEWEST * spacing:
         raise Refused(
             "too_thin",
-            f"The body is {-2 * s_min:.4f} thick where it is thickest (longest side 1.8); "
+            f"The body is {-2 * s_min:.4f} thick where it is thickest (longest side 1.8), and "
             f"a cavity of {2 * reach:.4f} cannot be resolved at {spacing:.4f}.",
             _LEAVE_OUT,
         )
@@ -128,7 +128,7 @@ def hollow(
     if cavity is not None and tidied is None and len(cavity[1]) > _LARGEST:
         raise Refused(
             "too_thin",
-            f"The cavity would be a blade of {len(cavity[1])} triangles, which cannot be remade with fewer.",
+            f"The cavity would be a blade of {len(cavity[1])} triangles, which cannot be remeshed with fewer.",
             _LEAVE_OUT,
         )
     if cavity is None:

@@ -102,7 +102,7 @@ def differences(family: str, path: str | Path) -> str:
     """Return in words what keeps an image from being this checkout's; nothing where it is."""
     there, wanted = built(path), labels(family)
     if there is None:
-        return "is not there"
+        return "does not exist"
     if not there.get("vibraverse.contents"):
         return "is not an image of this project"
     for label, words in (

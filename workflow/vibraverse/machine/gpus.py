@@ -131,7 +131,7 @@ class Claim:
         gpus = enough_of(self._count)
         mine = set(filter(None, os.environ.get(CLAIMED, "").split(",")))
         if mine and mine >= {gpu.uuid for gpu in gpus}:
-            raise NoGPU("these GPUs are claimed already, by a command that this one runs in; claim them once")
+            raise NoGPU("the GPUs are claimed already by the command that this one runs in; claim them once")
         ends, said = time.monotonic() + self._patience, False
         while not (gpus := self._take(gpus)):
             if time.monotonic() >= ends:
@@ -187,12 +187,17 @@ def enough_of(count: int) -> list[GPU]:
         return gpus
     shown = os.environ.get(VISIBLE)
     if shown is not None:
-        raise NoGPU(f"{_words(count)} asked for, but {VISIBLE}={shown!r} shows {len(gpus) or 'none'} here")
+        raise NoGPU(
+            f"{_words(count)} asked for, but {VISIBLE}={shown!r} shows {len(gpus)}; ask for fewer, or "
+            "change the variable"
+        )
     if gpus:
-        raise NoGPU(f"{_words(count)} asked for, but this machine has {len(gpus)}")
+        raise NoGPU(
+            f"{_words(count)} asked for, but this machine has {len(gpus)}; ask for fewer, or run elsewhere"
+        )
     raise NoGPU(
-        f"{_words(count)} asked for, but nvidia-smi finds none here; run where there is one "
-        "(in a container with --nv), or let the job run without"
+        f"{_words(count)} asked for, but nvidia-smi finds no GPU here; run on a machine that has one "
+        "(in a container with --nv), or let the job run on the CPU"
     )
 
 

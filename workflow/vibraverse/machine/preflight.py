@@ -83,12 +83,12 @@ def apptainer() -> None:
     """Check that images can be run, and named."""
     if containers.binary() is None:
         raise NotThere(
-            "the profile asks for containers, but there is no command apptainer on the PATH; install Apptainer "
+            "the profile asks for containers, but the command apptainer is not on the PATH; install Apptainer "
             "(or load its module), or run without containers: --workflow-profile workflow/profiles/default"
         )
     if containers.image("any") is None:
         raise NotThere(
-            f"the images' folder {containers.folder()} has a space in its name, which Snakemake cannot pass on; "
+            f"the folder of images, {containers.folder()}, has a space in its name, which Snakemake cannot pass on; "
             "put them elsewhere and set VIBRAVERSE_IMAGES to that folder"
         )
 
@@ -112,7 +112,7 @@ def rules(named: Iterable[str], known: Iterable[str]) -> None:
     """Check that the rules whose resources a profile sets exist: Snakemake passes over others."""
     for name in named:
         if name not in known:
-            raise NotThere(f"set-resources names an {unknown('rule', name, sorted(known))}")
+            raise NotThere(f"the profile's set-resources names an {unknown('rule', name, sorted(known))}")
 
 
 def profile(arguments: Sequence[str]) -> None:
@@ -122,7 +122,7 @@ def profile(arguments: Sequence[str]) -> None:
         value = value if joined else following
         if option == "--workflow-profile" and value != "none" and not _is_profile(value):
             raise NotThere(
-                f"there is no profile {value}; from a folder of your own write its whole path, as in "
+                f"the profile {value} does not exist; give its whole path, as in "
                 f"--workflow-profile {containers.PROJECT / 'workflow/profiles/default'}"
             )
 
@@ -162,7 +162,7 @@ def shards(missing: list[str]) -> None:
     """Check that the slices of a run have made all shards."""
     if missing:
         raise NotThere(
-            f"`slice: join` takes the shards that the slices made, but {len(missing)} of them are not there "
+            f"`slice: join` takes the shards that the slices made, but {len(missing)} of them do not exist "
             f"({', '.join(Path(path).name for path in missing[:5])}{', …' if len(missing) > 5 else ''}); run the "
             "slices again (`logs/slices/` in the results holds what submitted ones said), or without `slice` to make "
             "everything that is missing"

@@ -53,8 +53,8 @@ def check(
         for name in chosen.split(",") if chosen else []:
             if name not in there:
                 raise NotThere(
-                    f"Slurm has no partition {name!r}, which the rule {rule} asks for; there are: "
-                    f"{', '.join(sorted(there))}. Set slurm_partition in the profile"
+                    f"Slurm has no partition {name!r}, which the rule {rule} asks for; set slurm_partition in the "
+                    f"profile to one of: {', '.join(sorted(there))}"
                 )
             _enough(rule, name, there, memory_mb, gpus, minutes)
             if there[name].minutes is not None and minutes * attempts > there[name].minutes:
@@ -81,7 +81,7 @@ def _enough(rule: str, name: str, there: dict, memory_mb: int, gpus: int, minute
                 else f"no node of {name} has more than {most.gpus}; "
             )
             + (f"GPUs are in: {', '.join(others)}" if others else "no partition has so many")
-            + f". Set slurm_partition or gpu of {rule} in the profile's set-resources"
+            + f"; set slurm_partition or gpu of {rule} in the profile's set-resources"
         )
     if memory_mb > most.memory_mb:
         raise NotThere(
@@ -133,7 +133,7 @@ def _ask(*command: str) -> str:
         done = _run(*command)
     except FileNotFoundError:
         raise NotThere(
-            f"the profile asks for Slurm, but there is no command {command[0]} here; log in to the cluster's "
+            f"the profile asks for Slurm, but the command {command[0]} is not on the PATH; log in to the cluster's "
             "submit node, or run without it: --workflow-profile workflow/profiles/default"
         ) from None
     if done.returncode != 0:

@@ -87,8 +87,8 @@ def solve(
     if n < wanted + 2:
         raise Refused(
             "solve_failed",
-            f"the mesh has {n} unknowns, too few for {modes} elastic and {RIGID} rigid modes.",
-            "Ask for fewer modes or mesh finer.",
+            f"The mesh has {n} unknowns, too few for {modes} elastic and {RIGID} rigid modes.",
+            "Lower basis.modes, or raise tets.target_elements.",
         )
     stiffness, mass = operators.stiffness(*lame(1.0, poisson)), operators.mass
     if method == "auto":
@@ -152,8 +152,8 @@ def count_below(
             return count
     raise Refused(
         "solve_failed",
-        "a factorisation lost too many digits to count the modes.",
-        "Mesh the body again, with other element sizes.",
+        "A factorisation lost too many digits to count the modes.",
+        "Change tets.target_elements, so that the body is meshed with other elements.",
     )
 
 
@@ -175,8 +175,8 @@ def _complete(
         if found.worst > tolerance:
             raise Refused(
                 "solve_failed",
-                f"{method} reached a residual of {found.worst:.1e} instead of {tolerance:.0e}.",
-                "Loosen basis.tolerance or choose another basis.method.",
+                f"The eigensolver {method} reached a residual of {found.worst:.1e} instead of {tolerance:.0e}.",
+                "Raise basis.tolerance, or choose another basis.method.",
             )
         cut = 0.5 * (found.values[-1] + found.following)
         near = np.stack([found.vectors[:, -1], rng.standard_normal(operators.unknowns)], axis=1)
@@ -186,7 +186,7 @@ def _complete(
             return found, attempt
     raise Refused(
         "solve_failed",
-        f"{method} found {len(found.values)} modes below ω² = {cut:.6g}, where there are {missing} more or fewer.",
+        f"The eigensolver {method} found {len(found.values)} modes below ω² = {cut:.6g}, which is {missing} off.",
         "Choose another basis.method.",
     )
 
@@ -204,7 +204,7 @@ def _check_rigid(found: Found, operators: Operators) -> None:
     if zeros > RIGID:
         raise Refused(
             "solve_failed",
-            f"the body has at least {zeros} rigid modes instead of {RIGID}: its tetrahedra are not one connected body.",
+            f"The body has at least {zeros} rigid modes instead of {RIGID}: its tetrahedra are not one connected body.",
             "Keep one part of the mesh, or join the parts.",
         )
     _, rigid, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
@@ -212,7 +212,7 @@ def _check_rigid(found: Found, operators: Operators) -> None:
     if np.abs(values[:RIGID]).max() > _RIGID_TOLERANCE * values[RIGID] or overlap.min() < 1 - 1e-6:
         raise Refused(
             "solve_failed",
-            f"the six lowest modes are not the rigid motions (|ω²| up to {np.abs(values[:RIGID]).max():.1e} "
+            f"The six lowest modes are not the rigid motions (|ω²| up to {np.abs(values[:RIGID]).max():.1e} "
             f"beside {values[RIGID]:.1e} of the first elastic mode).",
-            "The body is too thin for its mesh; mesh it finer.",
+            "Raise tets.target_elements: the body is too thin for its mesh.",
         )

@@ -81,14 +81,18 @@ def check_tetrahedra(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
         / 6.0
     )
     if len(cells) == 0 or not np.isfinite(volumes).all():
-        raise Refused("solve_failed", "the mesh has no tetrahedra or coordinates that are not finite.")
+        raise Refused(
+            "solve_failed",
+            "The mesh has no tetrahedra, or coordinates that are not finite numbers.",
+            "Delete tets.msh, so that the next run makes it again.",
+        )
     # Twelve digits below the mean a volume is rounding, not geometry.
     bad = int((volumes <= 1e-12 * np.abs(volumes).mean()).sum())
     if bad:
         raise Refused(
             "solve_failed",
             f"{bad} of {len(cells)} tetrahedra have zero or negative volume.",
-            "Mesh the body again, with other element sizes.",
+            "Change tets.target_elements, so that the body is meshed with other elements.",
         )
     return volumes
 

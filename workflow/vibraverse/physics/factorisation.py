@@ -22,6 +22,7 @@ from vibraverse.contract.limits import out_of_memory
 #: PARDISO's phases and errors.
 _ANALYSE_AND_FACTORISE, _FACTORISE, _SOLVE, _SOLVE_BACKWARD = 12, 22, 33, 333
 _PARDISO_OUT_OF_MEMORY = -2
+_OTHERWISE = "Choose another basis.factorisation, or change tets.target_elements."
 _INTEGERS = ctypes.POINTER(ctypes.c_int32)
 
 
@@ -47,7 +48,9 @@ class SuperLU:
         except RuntimeError as error:
             if out_of_memory(error):
                 raise MemoryError from None
-            raise Refused("solve_failed", f"SuperLU could not factorise the matrix: {error}.") from None
+            raise Refused(
+                "solve_failed", f"SuperLU could not factorise the matrix: {error}.", _OTHERWISE
+            ) from None
 
     def solve(self, b: np.ndarray) -> np.ndarray:
         """Return ``x`` with ``A x = b`` for b of shape (n,) or (n, k)."""
@@ -67,7 +70,9 @@ class SuperLU:
     def _diagonal(self) -> np.ndarray:
         """Return the diagonal of D in ``A = Pᵀ L D Lᵀ P``: without pivoting U is ``D Lᵀ``."""
         if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
-            raise Refused("solve_failed", "SuperLU had to pivot, which leaves no symmetric factors.")
+            raise Refused(
+                "solve_failed", "SuperLU had to pivot, which leaves no symmetric factors.", _OTHERWISE
+            )
         return self._lu.U.diagonal()
 
     def free(self) -> None:
@@ -143,6 +148,7 @@ class Pardiso:
             raise Refused(
                 "solve_failed",
                 f"PARDISO could not factorise the matrix or solve with it (its error {error.value}).",
+                _OTHERWISE,
             )
         return out
 

@@ -15,6 +15,7 @@ import scipy.linalg
 import scipy.sparse as sp
 
 from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import said
 from vibraverse.physics.columns import Columns, clear, combine, orthonormalise, product, rayleigh_ritz
 from vibraverse.physics.elasticity import rigid_modes
 
@@ -123,8 +124,8 @@ def block_lanczos(
         if size + width > limit:
             raise Refused(
                 "solve_failed",
-                f"block Lanczos reached a residual of {error[:kept].max():.1e} only in {size} vectors.",
-                "Loosen basis.tolerance or ask for fewer modes.",
+                f"Block Lanczos reached a residual of {error[:kept].max():.1e} only in {size} vectors.",
+                "Raise basis.tolerance, or lower basis.modes.",
             )
 
 
@@ -152,7 +153,11 @@ def arpack(pencil: Pencil, wanted: int, tolerance: float, rng: np.random.Generat
             ncv=min(n - 1, int(2.2 * pairs) + 10 * extra),
         )
     except ArpackNoConvergence as error:
-        raise Refused("solve_failed", f"ARPACK did not converge: {error}") from None
+        raise Refused(
+            "solve_failed",
+            f"ARPACK did not converge: {said(error)}.",
+            "Raise basis.tolerance, or choose another basis.method.",
+        ) from None
     return _until_gap(pencil, vectors[:, np.argsort(values)], wanted, tolerance, solves)
 
 

@@ -77,7 +77,7 @@ def size_mistake(size_m: float) -> str:
 def _meant(value: float, unit: str, factor: float, bounds: tuple[float, float]) -> str:
     """Return how a value in another unit is written; empty where that would not be plausible either."""
     low, high = bounds
-    return f"{value:g} {unit} is written {_written(factor * value)}" if low <= factor * value <= high else ""
+    return f"write {_written(factor * value)} for {value:g} {unit}" if low <= factor * value <= high else ""
 
 
 def _written(value: float) -> str:

@@ -56,10 +56,14 @@ def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
     shown.refused = {row["solidity"]: row for row in reader.refusals if row["object"] == object_id}
     for solidity in dict.fromkeys(item["solidity"] for item in items):
         body = group[solidity]
+        errors = [body["materials"][material]["discretisation_error"][()] for material in materials]
         shown.bodies[solidity] = {
             "size_m": float(body.attrs["size_m"]),
             "volume_m3": float(body.attrs["volume_m3"]),
             "tetrahedra": len(body["tets/cells"]),
+            "quality": reader.read("tets", object_id, solidity)["quality"],
+            "error_median": float(np.median(errors)),
+            "error_max": float(np.max(errors)),
         }
         for material in materials:
             shown.modes.setdefault(material, {})[solidity] = _modes(body["materials"][material])

@@ -14,8 +14,8 @@ from vibraverse import __version__
 from vibraverse.contract.refusal import REASONS
 from vibraverse.dataset.read.reader import Reader
 from vibraverse.dataset.split.assignment import emptiness
+from vibraverse.dataset.write.summary import WARNINGS
 from vibraverse.flow.steps import VERSIONS
-from vibraverse.geometry.meshing.cautions import KINDS
 from vibraverse.report import quantities
 from vibraverse.report.content import Card, card
 from vibraverse.validation import plot
@@ -84,8 +84,8 @@ def html(
         cards=[_with_cover(one) for one in cards],
         more=record["counts"]["objects"] - len(cards),
         refusals=_grouped(refusals, "reason", REASONS),
-        warnings=_grouped(warnings, "kind", KINDS),
-        warned=len({(row["object"], row["solidity"]) for row in warnings}),
+        warnings=_grouped(warnings, "kind", WARNINGS),
+        warned=len({row["object"] for row in warnings}),
         most=_MOST,
         validation=validation,
         convergence=Markup(plot.svg(validation["bodies"], inside_html=True)) if validation else "",

@@ -45,6 +45,6 @@ def locate(object_: str) -> Path:
             return path
     raise Refused(
         "unavailable",
-        f"The mesh {BUNDLED[object_].file} is not there: it ships inside the Python package pyvista.",
+        f"The mesh {BUNDLED[object_].file} is missing: it ships inside the Python package pyvista.",
         "Install pyvista, or take the name out of sources.bundled.",
     )

@@ -94,7 +94,7 @@ def _entries(config: Config):
             yield Entry(row.object, "files", options, row.path, size_m, origin)
     for uid in dict.fromkeys(sources.objaverse.uids):
         if not re.fullmatch(r"[A-Za-z0-9_-]+", uid):
-            raise ConfigError(f"sources.objaverse.uids: {uid!r} is not a UID of letters and digits")
+            raise ConfigError(f"sources.objaverse.uids: {uid!r} is not a UID; write letters and digits only")
         options = {"origin": "objaverse", "uid": uid, "cache": sources.objaverse.cache}
         yield Entry(f"objaverse-{uid.lower()}", "objaverse", options)
 
@@ -105,5 +105,5 @@ def _whence(entry: Entry) -> str:
 
 def _unknown_object(object_: str, entries: dict[str, Entry]) -> str:
     if not entries:
-        return f"there is no object {object_!r}"
-    return unknown("object", object_, list(entries)).split(" (known", 1)[0]
+        return f"the run has no objects, so not {object_!r}; remove the key"
+    return unknown("object", object_, list(entries))

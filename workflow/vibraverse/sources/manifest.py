@@ -87,7 +87,7 @@ def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
     if mistakes:
         raise NoMeshes(_told(path, mistakes))
     if not rows:
-        raise NoMeshes(f"the manifest {path} lists no meshes")
+        raise NoMeshes(f"the manifest {path} lists no meshes; write a line for each below the first")
     return rows
 
 
@@ -95,13 +95,17 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
     """Return the cells of the first line, and of every further line that is not empty with its number."""
     try:
         if not stat.S_ISREG(manifest.stat().st_mode):
-            raise NoMeshes(f"the manifest {manifest} is not a file")
+            raise NoMeshes(f"the manifest {manifest} is not a file; name a CSV or TSV file")
         text = manifest.read_bytes().decode("utf-8-sig")
     except OSError as error:
-        raise NoMeshes(f"the manifest {manifest} cannot be read ({error.strerror})") from None
+        raise NoMeshes(
+            f"the manifest {manifest} cannot be read ({error.strerror}); check path and permissions"
+        ) from None
     except UnicodeDecodeError as error:
         line = error.object.count(b"\n", 0, error.start) + 1
-        raise NoMeshes(f"the manifest {manifest}, line {line}: not UTF-8; save it as CSV in UTF-8") from None
+        raise NoMeshes(
+            f"the manifest {manifest}, line {line} is not UTF-8; save it as CSV in UTF-8"
+        ) from None
     first = text.partition("\n")[0]
     separator = max(",;\t", key=first.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
@@ -113,7 +117,7 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
                     yield reader.line_num, cells
         except csv.Error as error:
             raise NoMeshes(
-                f"the manifest {manifest}, line {reader.line_num}: {error}; is a quotation mark left open?"
+                f"the manifest {manifest}, line {reader.line_num}: {error}; close the quotation mark"
             ) from None
 
     rows = lines()
@@ -121,8 +125,8 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
     if not header:
         path, *others = COLUMNS
         raise NoMeshes(
-            f"the manifest {manifest} is empty: its first line must name the column {path}, and may name "
-            f"{', '.join(others)}; every further line is a mesh"
+            f"the manifest {manifest} is empty; name the column {path} in its first line, and any of "
+            f"{', '.join(others)}, then write a line for each mesh"
         )
     return [cell.strip() for cell in header], rows
 
@@ -138,10 +142,10 @@ def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
         if name not in COLUMNS:
             mistakes.append(f"line 1, column {at + 1}: {unknown('column', name, COLUMNS)}")
         elif name in columns:
-            mistakes.append(f"line 1, column {at + 1}: the column {name} is there twice")
+            mistakes.append(f"line 1, column {at + 1}: the column {name} appears twice; remove one")
         columns[name] = at
     if "path" not in columns:
-        mistakes.append(f"line 1: the column path is missing (known columns: {', '.join(COLUMNS)})")
+        mistakes.append(f"line 1: the column path is missing; add it (known columns: {', '.join(COLUMNS)})")
     if mistakes:
         raise NoMeshes(_told(str(manifest), mistakes))
     return columns
@@ -155,11 +159,11 @@ def _row_mistakes(
 
     path = values["path"]
     if not path:
-        yield "path", "no file is named"
+        yield "path", "the cell is empty; name a mesh file"
     elif wrong := wrong_characters(str(manifest.parent / path)):
         yield "path", f"{path!r} {wrong}; rename the file"
     elif not is_mesh(os.path.basename(path)):
-        yield "path", f"{path} is not a mesh in a known format ({known_formats()})"
+        yield "path", f"{path} is not a mesh in a known format; export it as one ({known_formats()})"
     else:
         wrong = _file_mistake(str(manifest.parent / path))
         if wrong:

@@ -66,7 +66,7 @@ def fetch(uid: str, cache: str | Path) -> Model:
             "unavailable",
             f"The Objaverse object {uid} is not wholly in the cache and could not be fetched ({said(error)}).",
             f"Connect to the network and repeat, or copy the model into the cache folder ({cache}); "
-            "a damaged file there has to be deleted first.",
+            "delete a damaged file there first.",
         ) from None
     user = annotation.get("user") or {}
     author = " ".join(filter(None, [user.get("displayName") or user.get("username"), annotation.get("uri")]))
@@ -105,7 +105,7 @@ def _package(cache: Path):
         raise Refused(
             "unavailable",
             "The Python package objaverse is not installed.",
-            "Install it, or leave out its UIDs.",
+            "Install it, or empty sources.objaverse.uids.",
         ) from None
     objaverse.BASE_PATH = str(cache)
     objaverse._VERSIONED_PATH = str(cache / "hf-objaverse-v1")

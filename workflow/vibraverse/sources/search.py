@@ -57,23 +57,26 @@ def find(path: str, results: str = "") -> dict[str, Path]:
     if given.is_file():
         if not is_mesh(given.name):
             raise NoMeshes(
-                f"the file {path} is neither a mesh in a known format ({known_formats()}) nor a manifest (CSV, TSV)"
+                f"the file {path} is neither a mesh nor a manifest; name one in a known format "
+                f"({known_formats()}, CSV, TSV)"
             )
         return identify([given], given.parent)
     if given.is_dir():
         files = list(_walk(given, made))
         if not files:
-            raise NoMeshes(f"the folder {path} holds no mesh files ({known_formats()})")
+            raise NoMeshes(f"the folder {path} holds no mesh files; put some there ({known_formats()})")
         return identify(files, given)
     if glob.has_magic(str(given)):
         base = _fixed_part(given)
         files = _matching(base, given, made)
         if not files:
-            raise NoMeshes(f"no mesh file matches {path} ({known_formats()})")
+            raise NoMeshes(
+                f"{path} matches no mesh file; change the pattern, or put some there ({known_formats()})"
+            )
         return identify(files, base)
     if given.exists():
-        raise NoMeshes(f"{path} is neither a file nor a folder")
-    raise NoMeshes(f"there is no file or folder {path}")
+        raise NoMeshes(f"{path} is neither a file nor a folder; name one of these")
+    raise NoMeshes(f"the file or folder {path} does not exist; name an existing one")
 
 
 def open_regular(path: Path, name: str | None = None) -> BinaryIO:
@@ -97,7 +100,9 @@ def open_regular(path: Path, name: str | None = None) -> BinaryIO:
         return open(path, "rb")
     except OSError as error:
         raise Refused(
-            "unreadable", f"{name} cannot be opened ({error.strerror}).", "Check the file's permissions."
+            "unreadable",
+            f"{name} cannot be opened ({error.strerror}).",
+            "Check that it exists, and its permissions.",
         ) from None
 
 
@@ -225,7 +230,7 @@ def _matching(base: Path, pattern: Path, made: str) -> list[Path]:
         found = list(base.glob(str(pattern.relative_to(base))))
     except ValueError:
         raise NoMeshes(
-            f"{pattern} is not a valid glob: '**' means any folders and stands alone between slashes, as in **/*.obj"
+            f"{pattern} is not a valid glob: write '**', which means any folders, alone between slashes, as in **/*.obj"
         ) from None
     top = os.path.realpath(base)
     below = made and made != top and _is_in(made, top)

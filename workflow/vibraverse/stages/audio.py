@@ -24,7 +24,8 @@ def run(job: Job) -> None:
         strikes = _strikes(job)
         if options.sampled > sampled:
             raise UsageError(
-                f"audio.sampled is {options.sampled}, and the modes are of {sampled} sampled materials"
+                f"audio.sampled is {options.sampled}, but the modes hold {sampled} sampled materials; lower it, "
+                "or raise sampled.count"
             )
         for name in options.names(modes["materials"]):
             material, point = split_sound(name, materials)
@@ -77,13 +78,12 @@ def _strikes(job: Job) -> list[tuple]:
     if not job.options.points:
         return []
     if "basis" not in job.inputs:
-        raise UsageError(
-            "audio: struck points lie on the surface of the basis; name it with --basis basis.h5"
-        )
+        raise UsageError("audio: struck points need the surface in the basis; name it with --basis basis.h5")
     right = read_provenance(job.inputs["modes"]).get("input_sha256", {}).get("basis")
     if right not in (None, sha256(job.inputs["basis"])):
         raise UsageError(
-            f"audio: {job.inputs['basis']} is not the basis that {job.inputs['modes']} was made from"
+            f"audio: {job.inputs['basis']} is not the basis that {job.inputs['modes']} was made from; "
+            "name that one with --basis"
         )
     with h5py.File(job.inputs["basis"]) as basis:
         surface = basis["surface/vertices"][()], basis["surface/faces"][()]

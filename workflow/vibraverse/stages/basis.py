@@ -21,7 +21,7 @@ def run(job: Job) -> None:
     options = job.options
     load(options.factorisation)
     keep_memory()
-    with limited_memory(options.memory_mb, "the eigensolver", "basis.memory_mb"):
+    with limited_memory(options.memory_mb, "The eigensolver", "basis.memory_mb"):
         basis = build_basis(
             points,
             cells,

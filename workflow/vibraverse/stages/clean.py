@@ -31,7 +31,7 @@ def run(job: Job) -> None:
         seconds=limits.seconds,
         memory_mb=limits.memory_mb,
         key="clean.limits",
-        what="the repair",
+        what="The repair",
     )
     meshes.write_ply(job.outputs["surface"], body.vertices, body.faces)
     unit_m = source.get("unit_m")

@@ -30,8 +30,8 @@ def run(job: Job) -> None:
         except FileNotFoundError as error:
             again = advised("repair", "--delete", results=job.options.results)
             raise UsageError(
-                f"dataset: {error.filename or error} does not exist; {again} takes away what was made with it, so that "
-                "the next run makes it again"
+                f"dataset: {error.filename or error} does not exist; run {again}, which deletes what depends "
+                "on it, then repeat the run"
             ) from None
         finish(h5, packed)
         products.write_provenance(h5, job.provenance())

@@ -30,7 +30,7 @@ def run(job: Job) -> None:
         seconds=limits.seconds,
         memory_mb=limits.memory_mb,
         key="hollow.limits",
-        what="the cavity's mesher",
+        what="The cavity's mesher",
     )
     meshes.write_ply(job.outputs["hollow_surface"], body.vertices, body.faces)
     job.write_record(

@@ -20,7 +20,7 @@ def run(job: Job) -> None:
 
     if "config" in job.final:
         if "resolved" not in job.inputs:
-            raise UsageError("index: --config needs the configuration to copy; name it with --resolved.")
+            raise UsageError("index: --config needs the configuration to copy; name it with --resolved")
         job.outputs["config"].write_bytes(job.inputs["resolved"].read_bytes())
     try:
         reader = Reader(job.inputs["shards"])
@@ -68,9 +68,12 @@ def _splits(job: Job, reader):
         try:
             kept = read_splits(job.inputs["kept"])
         except (UnicodeDecodeError, ValueError) as error:
-            raise UsageError(f"index: {job.inputs['kept']} is no splits.tsv of a dataset: {error}.") from None
+            raise UsageError(
+                f"index: {job.inputs['kept']} is not the splits.tsv of a dataset: {error}; name another "
+                "file with --kept"
+            ) from None
         for name in sorted(set(kept.values()) - set(options.splits)):
-            raise UsageError(f"index: {job.inputs['kept']}: {unknown('split', name, options.splits)}.")
+            raise UsageError(f"index: {job.inputs['kept']}: {unknown('split', name, options.splits)}")
     strata = None
     if options.stratify != "none":
         strata = {item["object"]: item[options.stratify] for item in reader.items}

@@ -121,7 +121,7 @@ def _solved(job: Job, basis, material: dict, scale_m: float):
     from vibraverse.physics.factorisation import load
 
     load()
-    with limited_memory(options.memory_mb, "the eigensolver", "modes.memory_mb"):
+    with limited_memory(options.memory_mb, "The eigensolver", "modes.memory_mb"):
         direct = build_basis(
             *read_tets(job.inputs["tets"]),
             rng=rng(job.object, job.solidity, "basis"),

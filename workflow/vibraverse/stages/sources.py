@@ -42,7 +42,9 @@ def _bundled(job: Job) -> dict:
     about = BUNDLED.get(job.object)
     if about is None:
         raise Refused(
-            "unavailable", f"There is no bundled mesh {job.object}.", f"There are: {', '.join(BUNDLED)}."
+            "unavailable",
+            f"The bundled mesh {job.object} does not exist.",
+            f"Choose one of {', '.join(BUNDLED)}.",
         )
     shutil.copyfile(locate(job.object), job.outputs["mesh"])
     return {
@@ -84,7 +86,7 @@ def _objaverse(job: Job) -> dict:
     from vibraverse.sources.objaverse import fetch
 
     if not job.options.uid:
-        raise Refused("unavailable", "No Objaverse UID is given.", "Name it in the option uid.")
+        raise Refused("unavailable", "No Objaverse UID is given.", "Name it in --options, as uid.")
     model = fetch(job.options.uid, job.options.cache)
     shutil.copyfile(model.path, job.outputs["mesh"])
     return {

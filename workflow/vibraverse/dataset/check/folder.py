@@ -143,7 +143,7 @@ def _shard(path: Path, name: str, share: float, trusted: bool) -> Iterator[Findi
     else:
         limits = {"seconds": _SECONDS, "memory_mb": _MEMORY_MB}
         try:
-            found = run_limited(_inside, str(path), share, **limits, what="reading it")
+            found = run_limited(_inside, str(path), share, **limits, what="Reading it")
         except Refused as refused:
             found = [("", refused.message)]
     yield from (Finding(name, *one) for one in found)

@@ -205,7 +205,7 @@ def _write_parquet(path: Path, rows: list[dict]) -> None:
         import pyarrow.parquet
     except ModuleNotFoundError:
         raise CannotExport(
-            "Parquet needs pyarrow, which this environment lacks: pip install pyarrow"
+            "Parquet needs pyarrow, which this environment lacks; run `pip install pyarrow`"
         ) from None
     columns = {}
     for name in rows[0]:

@@ -6,9 +6,16 @@ from collections import Counter
 
 from vibraverse.dataset.read.reader import Reader
 from vibraverse.dataset.write.making import join
-from vibraverse.geometry.meshing.cautions import kind_of
+from vibraverse.geometry.cleaning.cautions import cautions as of_surface
+from vibraverse.physics.cautions import cautions as of_modes
 from vibraverse.physics.materials import PARAMETERS, sampled_number
 
+#: Kinds of warnings and the sentence a summary shows for each.
+WARNINGS = {
+    "changed_shape": "the surface differs from the mesh it was made of",
+    "many_elements": "far more elements than asked for",
+    "inaccurate_modes": "frequencies are less accurate than elsewhere",
+}
 _RANGES = ("size_m", "volume_m3", "mass_kg", "tetrahedra", "f1_hz", "f_last_hz", "duration_s")
 
 
@@ -53,13 +60,25 @@ def summary(reader: Reader, asked: dict[str, float]) -> dict:
 
 
 def warnings(reader: Reader) -> list[dict[str, str]]:
-    """Return what the records of all meshes warn of: ``object``, ``solidity``, ``kind`` and ``message``."""
-    bodies = dict.fromkeys((item["object"], item["solidity"]) for item in reader.items)
-    return [
-        {"object": object_id, "solidity": solidity, "kind": kind_of(message), "message": message}
-        for object_id, solidity in bodies
-        for message in reader.read("tets", object_id, solidity).get("warnings", [])
-    ]
+    """Return what there is to act on: ``object``, ``solidity`` ("" for both bodies), ``kind`` and ``message``."""
+    found = []
+    for object_id in reader.objects:
+        found += [
+            {"object": object_id, "solidity": "", "kind": "changed_shape", "message": message}
+            for message in of_surface(reader.read("clean", object_id))
+        ]
+    for object_id, solidity in dict.fromkeys((item["object"], item["solidity"]) for item in reader.items):
+        materials = reader.group(object_id)[solidity]["materials"].values()
+        said = {
+            "many_elements": reader.read("tets", object_id, solidity)["warnings"],
+            "inaccurate_modes": of_modes(material["discretisation_error"][()] for material in materials),
+        }
+        found += [
+            {"object": object_id, "solidity": solidity, "kind": kind, "message": message}
+            for kind, messages in said.items()
+            for message in messages
+        ]
+    return found
 
 
 def _materials(reader: Reader) -> dict[str, dict[str, float]]:

@@ -64,7 +64,7 @@ def climb(
     """
     from pymeshlab import PyMeshLabException
 
-    last, made = Unfit("there is no repair to try"), {}
+    last, made = Unfit("no repair to try"), {}
     for name, rung in rungs:
         attempt = Attempt(**options, made=made)
         try:
@@ -90,9 +90,9 @@ def _compare(soup: Mesh, body: Mesh, attempt: Attempt, rung: Callable) -> Deviat
     # Crumbs may go because they are small, not because they are light: only what is dropped on purpose is not missed.
     away = deviation(soup, body, attempt.dropped if rung in _DROPPING else [])
     if away.source_to_body > _LOST:
-        raise Unfit(f"something of the source lost {100 * away.source_to_body:.1f} % of the diagonal away")
+        raise Unfit(f"a part of the source lost, {100 * away.source_to_body:.1f} % of the diagonal away")
     if away.invented > _INVENTED and rung not in _THICKENING:
-        raise Unfit(f"a surface {100 * away.invented:.0f} % of which would be made up")
+        raise Unfit(f"{100 * away.invented:.0f} % of the surface would be made up")
     return away
 
 
@@ -218,7 +218,7 @@ def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> 
         bodies.append(part)
         inward.append(turned)
     if not bodies:
-        raise Unfit(f"{counted(flat, 'part')} none of which encloses anything")
+        raise Unfit(f"{counted(flat, 'part')} without a volume")
     if closed:
         attempt.notes.append(f"closed the holes of {closed} of {counted(len(bodies) + flat, 'part')}")
     if flat:

@@ -17,7 +17,7 @@ from vibraverse.contract.errors import Refused
 from vibraverse.geometry import Mesh, surfaces
 from vibraverse.geometry.distance.sight import depth_below
 from vibraverse.geometry.meshing import quality
-from vibraverse.geometry.meshing.cautions import FAR_OFF, THIN, cautions
+from vibraverse.geometry.meshing.cautions import cautions
 from vibraverse.geometry.meshing.fill import ALGORITHMS, fill, ordered
 from vibraverse.geometry.meshing.remesh import Evened, SheetsMeet
 from vibraverse.geometry.meshing.sizing import Sizing
@@ -40,12 +40,16 @@ _STALE = 0.6
 #: Sizes are not tried beyond this many times the first. Where this power of a miss did not mend it, the count comes
 #: from what is small about the body and larger triangles elsewhere would spoil its shape: what is not far off is left.
 _GROWN, _IDLE = 2.0, 1.0
+#: A count this many times the wanted one is far off.
+_FAR_OFF = 1.5
 #: A remade surface has at most so many triangles, or so many times the elements wanted where that is more.
 _LARGEST, _SURFACE = 100_000, 4.0
 #: How far the remade surface may be from the original, as a share of the size.
 _DEVIATION = 0.07
 #: How much gmsh's second optimiser adds to the number of elements.
 _OPTIMISED = 1.03
+#: Below this many elements from one side to the other a wall counts as thin.
+_THIN = 2.0
 #: Opposite sides farther apart than this are not looked for; a body's longest side is 1.8.
 _FAR = 4.0
 
@@ -87,7 +91,7 @@ def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
         seconds=options.limits.seconds,
         memory_mb=options.limits.memory_mb,
         key="tets.limits",
-        what="the mesher",
+        what="The mesher",
     )
 
 
@@ -127,9 +131,15 @@ def tetrahedralise(
             except Refused as refused:
                 complaints.append(refused.message.rstrip("."))
                 continue
-            table = {"ridge_deg": ridge_deg, "algorithm": algorithm, **table, "layers": _layers(remade)}
+            table = {
+                "ridge_deg": ridge_deg,
+                "algorithm": algorithm,
+                "wanted": round(remade.wanted),
+                **table,
+                "layers": _layers(remade),
+            }
             nodes, cells = ordered(nodes, cells)
-            return TetMesh(nodes, cells, table, cautions(table, len(cells), remade.wanted))
+            return TetMesh(nodes, cells, table, cautions(len(cells), target_elements))
     raise Refused(
         "meshing_failed",
         f"No recipe filled the surface with tetrahedra: {'; '.join(dict.fromkeys(complaints))}.",
@@ -202,10 +212,10 @@ def _sized(body: _Body, ridge_deg: float, size: float, target: int) -> list[_Rem
         if abs(tried[-1].excess) < np.log(_TOLERANCE):
             break
         exponent = _exponent(tried)
-        if exponent > _IDLE and 0 < tried[-1].excess < np.log(FAR_OFF):
+        if exponent > _IDLE and 0 < tried[-1].excess < np.log(_FAR_OFF):
             break
         size *= float(np.clip(np.exp(exponent * tried[-1].excess), 0.5, 2.0))
-        if size > largest or (size > _STEP_BACK * too_large and tried[-1].excess < np.log(FAR_OFF)):
+        if size > largest or (size > _STEP_BACK * too_large and tried[-1].excess < np.log(_FAR_OFF)):
             break
     if not tried:
         raise SheetsMeet(f"sheets of the surface are closer than triangles of {too_large:.3g}")
@@ -235,7 +245,7 @@ def _check(
         raise Refused("meshing_failed", "the tetrahedra fall apart")
     change = abs(volumes.sum() / wanted - 1.0)
     if change > max_change:
-        raise Refused("meshing_failed", f"remaking the surface changed the volume by {100 * change:.2g} %")
+        raise Refused("meshing_failed", f"remeshing the surface changed the volume by {100 * change:.2g} %")
     angle = table["min_dihedral_deg"]["min"]
     if angle < min_dihedral_deg:
         raise Refused(
@@ -254,5 +264,5 @@ def _layers(remade: _Remade) -> dict:
     return {
         "p05": round(float(p05), 3),
         "median": round(float(median), 3),
-        "thin_share": round(float((layers < THIN).mean()), 3),
+        "thin_share": round(float((layers < _THIN).mean()), 3),
     }

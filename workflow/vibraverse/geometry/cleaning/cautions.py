@@ -1,0 +1,26 @@
+"""What to know about a cleaned surface before taking it for the mesh it was made of."""
+
+from __future__ import annotations
+
+#: Share of a surface that may be made up, that is, lie farther from the mesh than 1 % of the diagonal. Holes of a scan
+#: and the offset of a wrap stay below; above it is another shape, and frequencies follow the shape.
+MAX_INVENTED = 0.02
+#: Share of the volume that may be left out with bodies that lie apart: more is a part and no crumb.
+MAX_DROPPED = 0.01
+
+
+def cautions(record: dict) -> list[str]:
+    """Return the warnings about a surface, from the content of ``clean.json``; mostly none."""
+    found = []
+    invented, dropped = record["deviation"]["invented"], record["dropped"]
+    if invented > MAX_INVENTED:
+        found.append(
+            f"{100 * invented:.1f} % of the surface is made up (at most {100 * MAX_INVENTED:g} %): "
+            f"{', '.join(record['repairs'])}. Close the mesh's holes and join its parts in a mesh editor."
+        )
+    if dropped["volume_share"] > MAX_DROPPED:
+        found.append(
+            f"{100 * dropped['volume_share']:.1f} % of the volume is left out (at most {100 * MAX_DROPPED:g} %): it "
+            "lies apart from the largest body. Join the parts, or give each a file of its own."
+        )
+    return found
