@@ -293,7 +293,7 @@ _LIST = b"element face 1\nproperty list int int vertex_indices\nend_header\n"
             "unreadable",
             "more than 100000 nodes",
         ),
-        ("glb", glb({})[:12] + b"\0\0\1\0JSON" + b"[" * 65536, "unreadable", "recursion"),
+        ("glb", glb({})[:12] + b"\0\0\1\0JSON" + b"[" * 65536, "unreadable", "nested too deeply"),
         ("3mf", _laughs(), "unreadable", "more than 100000 parts"),
         ("3mf", _zipped(b"<model>" + b"<a/>" * 200_000), "too_large", "elements"),
         ("3mf", _zipped(b" " * (1 << 20), 40), "unreadable", "without an element"),
