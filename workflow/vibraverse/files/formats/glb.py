@@ -16,7 +16,16 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
     """Return the triangles of a GLB, in metres, each part where its node puts it."""
     from vibraverse.files.reading.scene import joined
 
-    return MeshData(*joined(*_chunks(file), bounds))
+    document, binary = _chunks(file)
+    check_version(document)
+    return MeshData(*joined(document, binary, bounds))
+
+
+def check_version(document: Fields) -> None:
+    """Raise ``ValueError`` for glTF 1.0, whose lists are objects."""
+    version = str(document.fields("asset").value.get("version")) if "asset" in document else ""
+    if version.startswith("1."):
+        raise ValueError(f"it is glTF version {version:.8}, and only version 2 is read")
 
 
 def _chunks(file: BinaryIO) -> tuple[Fields, bytes]:

@@ -7,6 +7,7 @@ views too.
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from urllib.parse import unquote
 
@@ -26,6 +27,7 @@ def pack(data: bytes, folder: Path) -> bytes:
     document = parse(data)
     if "asset" not in document:
         raise ValueError("this is JSON, but not glTF")
+    glb.check_version(document)
     blob = bytearray()
     starts = [_append(blob, _fetch(buffer.text("uri"), folder)) for buffer in document.items("buffers")]
     for view in document.items("bufferViews"):
@@ -34,7 +36,7 @@ def pack(data: bytes, folder: Path) -> bytes:
             raise ValueError(f"it has no buffers[{buffer}]")
         view.value["byteOffset"] = starts[buffer] + view.whole("byteOffset", 0)
         view.value["buffer"] = 0
-    views = document.value.setdefault("bufferViews", [])
+    views = document.value["bufferViews"] = document.value.get("bufferViews") or []
     for image in document.items("images"):
         if "uri" not in image:
             continue
@@ -65,7 +67,7 @@ def _fetch(uri: str, folder: Path) -> bytes:
     if path.is_absolute() or ".." in path.parts or "://" in uri:
         raise ValueError(f"it refers to {uri!r}, which does not lie beside it")
     neighbour = folder / path
-    if not neighbour.is_file():
+    if not os.path.isfile(neighbour):  # a name that the system cannot have is none, too
         raise FileNotFoundError(f"its buffer {uri} is missing")
     if neighbour.stat().st_size > MAX_BYTES:
         raise TooLarge(f"refers to {uri}, a file of more than {MAX_BYTES >> 20} MB")

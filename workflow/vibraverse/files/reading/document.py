@@ -18,7 +18,7 @@ _SHOWN = 40
 class Fields:
     """The fields of one JSON object, by name. ``where`` says where in the document it is; the document itself is "".
 
-    A field without a default must be there; lists are empty where they are missing.
+    ``null`` counts as missing. A field without a default must be there; a list that is not required is empty then.
     """
 
     def __init__(self, value, where: str = ""):
@@ -27,7 +27,7 @@ class Fields:
         self.value, self.where = value, where
 
     def __contains__(self, name: str) -> bool:
-        return name in self.value
+        return self.value.get(name) is not None
 
     def whole(self, name: str, default=_REQUIRED) -> int:
         """Return a whole number that is not negative."""
@@ -83,7 +83,8 @@ class Fields:
         return f"{self.where}.{name}" if self.where else name
 
     def _get(self, name: str, default):
-        value = self.value.get(name, default)
+        value = self.value.get(name)
+        value = default if value is None else value
         if value is _REQUIRED:
             raise ValueError(f"its {self.where or 'JSON'} lacks {name}")
         return value
