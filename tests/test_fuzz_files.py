@@ -27,7 +27,9 @@ from hypothesis import strategies as st
 from mesh_bytes import SAMPLES, glb, gltf, gltf_binary, ply, stl, stl_text, threemf, threemf_text
 from vibraverse.contract.errors import Refused
 from vibraverse.contract.refusal import read_refusal
+from vibraverse.files import formats
 from vibraverse.files.meshes import read_mesh
+from vibraverse.files.reading.bounds import Bounds, TooLarge
 
 MINUTES = float(os.environ.get("VIBRAVERSE_FUZZ", 0))
 MAX_TRIANGLES = 2000
@@ -91,7 +93,15 @@ def read(path: Path, format: str, seconds: int = SECONDS):
 
 
 def check(data: bytes, format: str) -> None:
-    """Read bytes as a format: only a sound mesh or a refusal that names the file may come of it."""
+    """Read bytes as a format: only a sound mesh or a refusal that names the file may come of it.
+
+    Refusals come of errors about the file alone. A mistake of ours, or a library's error that no reader expects, is
+    raised here and fails the test.
+    """
+    known = formats.known()[format]
+    with limited(SECONDS), contextlib.suppress(ValueError, TooLarge, FileNotFoundError):
+        packed = known.pack(data, Path("/nowhere")) if known.pack else data
+        known.read(io.BytesIO(packed), Bounds(MAX_TRIANGLES))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "Ünï cup"
         path.write_bytes(data)
@@ -190,6 +200,10 @@ def test_the_samples_are_whole(tmp_path, name):
     volume = np.einsum("fi,fi->", a, np.cross(b, c)) / 6
     expected = {"glb": 2 / 6, "gltf": 2 / 6, "3mf": 16 / 6, "stl": 1 / 6}.get(format, 1.0)
     assert volume == pytest.approx(expected, rel=1e-6)
+
+
+def test_every_format_has_a_sample():
+    assert sorted(formats.known()) == FORMATS
 
 
 @QUICK

@@ -65,12 +65,12 @@ def _fetch(uri: str, folder: Path) -> bytes:
         return data_uri(uri)
     path = Path(unquote(uri))
     if path.is_absolute() or ".." in path.parts or "://" in uri:
-        raise ValueError(f"it refers to {uri!r}, which does not lie beside it")
+        raise ValueError(f"it refers to {uri[:60]!r}, which does not lie beside it")
     neighbour = folder / path
     if not os.path.isfile(neighbour):  # a name that the system cannot have is none, too
-        raise FileNotFoundError(f"its buffer {uri} is missing")
+        raise FileNotFoundError(f"its buffer {uri[:60]} is missing")
     if neighbour.stat().st_size > MAX_BYTES:
-        raise TooLarge(f"refers to {uri}, a file of more than {MAX_BYTES >> 20} MB")
+        raise TooLarge(f"refers to {uri[:60]}, a file of more than {MAX_BYTES >> 20} MB")
     return neighbour.read_bytes()
 
 

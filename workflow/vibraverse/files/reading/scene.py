@@ -57,11 +57,11 @@ class _Scene:
         while pending:
             number, above, depth = pending.pop()
             visits += 1
+            node = document.item("nodes", number)
             if depth > nodes:
                 raise ValueError("its nodes refer to each other in a circle")
             if visits > MAX_PARTS:
                 raise ValueError(f"it places more than {MAX_PARTS} nodes")
-            node = document.item("nodes", number)
             matrix = above @ _matrix(node)
             if "mesh" in node:
                 yield node.whole("mesh"), matrix

@@ -51,7 +51,7 @@ def fill(
 
 @contextmanager
 def _complaints(gmsh) -> Iterator[None]:
-    """Raise :class:`Refused` with gmsh's words instead of what gmsh raises, which is of the type ``Exception`` itself."""
+    """Raise :class:`Refused` with gmsh's words instead of its errors, whose type is ``Exception`` itself."""
     try:
         yield
     except Exception as error:
