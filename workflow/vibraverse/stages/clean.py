@@ -83,12 +83,14 @@ def read_and_clean(path: Path, format: str, name: str | None, options: Clean) ->
 
 
 def prepare() -> None:
-    """Use each compiled loop on a tetrahedron: Numba loads it from its cache when it is first called."""
+    """Import every format; use each compiled loop on a tetrahedron: Numba loads it from its cache when first called."""
     import numpy as np
 
+    from vibraverse.files import formats
     from vibraverse.geometry.cleaning.clean import clean
     from vibraverse.geometry.distance.field import grid_distance
 
+    formats.known()
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     body = clean(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
     grid_distance(body.vertices, body.faces, *[np.linspace(-0.9, 0.9, 8)] * 3)
