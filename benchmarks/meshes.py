@@ -75,9 +75,8 @@ def _measure(task: tuple[str, str]) -> dict:
         _warm_up()
         if kind == "file":
             from vibraverse.files.meshes import read_mesh
-            from vibraverse.sources.search import FORMATS
 
-            mesh = read_mesh(Path(name), FORMATS[Path(name).suffix.lower()])
+            mesh = read_mesh(Path(name))
         else:
             from vibraverse.sources.families import generate
 

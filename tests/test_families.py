@@ -12,8 +12,8 @@ import pytest
 import trimesh
 
 from vibraverse.contract.errors import Refused
-from vibraverse.files.formats.polygons import triangulate
 from vibraverse.files.meshes import ply_bytes
+from vibraverse.files.reading.polygons import triangulate
 from vibraverse.sources.families import FAMILIES, drawn, generate
 from vibraverse.sources.families.profiles import circle, extrude, revolve, rounded, smooth_curve, tube, wall
 

@@ -8,8 +8,9 @@ import pytest
 
 from mesh_bytes import make
 from vibraverse.config import ConfigError, parse
+from vibraverse.contract.names import slug
 from vibraverse.sources.catalogue import catalogue
-from vibraverse.sources.search import NoMeshes, find, slug
+from vibraverse.sources.search import NoMeshes, find
 
 
 @pytest.mark.parametrize(

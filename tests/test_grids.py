@@ -7,8 +7,11 @@ import numpy as np
 import pytest
 
 import shapes
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.files import meshes
 from vibraverse.geometry import grids, surfaces
+from vibraverse.geometry.cleaning.judge import judge
 from vibraverse.geometry.grids import Sampler, cell_centres, coarse_mesh, thickest_cell
 
 
@@ -63,8 +66,44 @@ def test_rays_that_graze_edges_and_corners_are_cast_again():
 def test_a_surface_with_a_hole_has_no_inside():
     vertices, faces = shapes.ball(subdivisions=2)
     without_cap = faces[vertices[faces][:, :, 2].min(axis=1) < 0.7]
-    with pytest.raises(ValueError, match="never leave"):
+    with pytest.raises(Refused, match="do not enter and leave it in turn") as refused:
         Sampler(vertices, without_cap).occupancy(16)
+    assert refused.value.reason == "too_thin"
+
+
+def film(thickness, n=20):
+    """Return a bent film: a closed surface whose two sides are ``thickness`` apart along z."""
+    x = np.linspace(-0.9, 0.9, n)
+    x, y = np.meshgrid(x, x, indexing="ij")
+    side = np.stack([x, y, 0.05 * np.sin(3 * x) * np.cos(4 * y) + 0.1 * x], axis=-1).reshape(-1, 3)
+    corner = (np.arange(n - 1)[:, None] * n + np.arange(n - 1)).ravel()
+    a, b, c, d = corner, corner + n, corner + n + 1, corner + 1
+    top = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    rim = np.concatenate(
+        [
+            np.arange(0, n * n - n, n),
+            np.arange(n * n - n, n * n - 1),
+            np.arange(n * n - 1, n - 1, -n),
+            np.arange(n - 1, 0, -1),
+        ]
+    )
+    p, q = rim, np.roll(rim, -1)
+    wall = np.concatenate([np.stack([p + n * n, q + n * n, q], 1), np.stack([p + n * n, q, p], 1)])
+    shift = [0, 0, thickness / 2]
+    return np.concatenate([side + shift, side - shift]), np.concatenate([top, top[:, ::-1] + n * n, wall])
+
+
+def test_a_film_thinner_than_single_precision_is_refused(vibraverse, tmp_path):
+    """It is a solid to every other judge; the rays that give the sign meet its far side first."""
+    vertices, faces = film(1e-7)
+    judge(vertices, faces)
+    assert Sampler(*film(1e-5)).occupancy(16).shape == (16, 16, 16)
+    meshes.write_ply(tmp_path / "surface.ply", vertices, faces)
+    products = run(vibraverse, tmp_path)
+    refusals = [read_refusal(path) for path in products]
+    assert refusals[0] == refusals[1]
+    assert refusals[0].reason == "too_thin"
+    assert refusals[0].advice
 
 
 def test_occupancy_follows_the_cell_centres():

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from vibraverse.contract.errors import Refused
+from vibraverse.contract.errors import ChildFailed, Refused
 from vibraverse.contract.limits import run_limited
 
 
@@ -71,6 +71,21 @@ def test_how_a_child_ends_is_said(threads, function, arguments, seconds, reason,
     with pytest.raises(Refused, match=words.replace("(", r"\(").replace(")", r"\)")) as refused:
         run_limited(function, *arguments, seconds=seconds, memory_mb=300, what="it")
     assert refused.value.reason == reason
+
+
+def mistaken() -> None:
+    None.gone  # noqa: B018
+
+
+@pytest.mark.parametrize(
+    ("function", "arguments", "words"),
+    [(mistaken, (), "'NoneType' object has no attribute 'gone'"), (spin, ("1",), "TypeError")],
+)
+def test_a_mistake_of_ours_in_a_child_is_no_refusal(threads, function, arguments, words):
+    with pytest.raises(ChildFailed, match=words) as failed:
+        run_limited(function, *arguments, seconds=60, memory_mb=300, what="it")
+    assert "Traceback" in str(failed.value)
+    assert "test_limits.py" in str(failed.value)
 
 
 def test_memory_is_counted_from_what_the_process_has(threads):

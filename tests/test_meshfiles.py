@@ -12,9 +12,10 @@ import trimesh
 from mesh_bytes import CORNERS, QUADS, SIDES, glb, gltf_binary, obj, off, ply, stl, stl_text, threemf
 from mesh_bytes import gltf as document
 from vibraverse.contract.errors import Refused
+from vibraverse.files.formats import known
 from vibraverse.files.formats.gltf import pack
 from vibraverse.files.meshes import read_mesh, read_ply, write_ply
-from vibraverse.sources.search import FORMATS, as_one_file
+from vibraverse.files.opening import as_one_file
 
 CUBE_OBJ = """mtllib wood.mtl
 o cube
@@ -308,7 +309,7 @@ def test_public_models(shared_meshes):
 
 
 def test_formats_all_have_a_reader(tmp_path):
-    for extension in FORMATS:
+    for extension in (extension for format in known().values() for extension in format.extensions):
         (tmp_path / f"a{extension}").write_bytes(b"?")
         with pytest.raises(Refused):
             read_mesh(tmp_path / f"a{extension}")

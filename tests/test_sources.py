@@ -208,7 +208,7 @@ def test_a_file_that_may_not_be_read_is_refused(tmp_path, vibraverse, monkeypatc
     def forbidden(*_):
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("vibraverse.sources.search.open", forbidden, raising=False)
+    monkeypatch.setattr("vibraverse.files.opening.open", forbidden, raising=False)
     status, _, _ = run_stage(vibraverse, tmp_path, "cup", '{"origin": "files"}', f"--file={tmp_path}/cup.obj")
     assert status == 0
     refusal = read_refusal(tmp_path / "source.json")

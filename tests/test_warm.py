@@ -184,7 +184,7 @@ def test_the_limits_of_a_child_hold(process, tmp_path):
         clean("--options", options), cwd=tmp_path, env=process[1], capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    assert "refused (limit): The repair needed more than 10 MB" in done.stderr
+    assert "refused (limit): Reading and repairing the mesh needed more than 10 MB" in done.stderr
 
 
 def test_a_command_with_more_threads_or_of_another_installation_works_by_itself(

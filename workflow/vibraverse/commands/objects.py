@@ -5,10 +5,10 @@ from __future__ import annotations
 import argparse
 
 from vibraverse.commands import run_arguments, run_config
+from vibraverse.files.formats import of_file
 from vibraverse.sources.bundled import BUNDLED
 from vibraverse.sources.catalogue import Entry, catalogue
 from vibraverse.sources.families import FAMILIES, drawn
-from vibraverse.sources.search import FORMATS, SIZED
 
 
 def main(argv: list[str]) -> int:
@@ -45,7 +45,8 @@ def _size(entry: Entry, default_m: float) -> str:
         size_m = BUNDLED[entry.object].size_m
     if size_m is not None:
         return f"{size_m:.4g} m"
-    if entry.input and FORMATS[entry.input.suffix.lower()] in SIZED:
+    format = of_file(entry.input) if entry.input else None
+    if format and format.unit_m:
         return "as in the file"
     return f"{default_m:.4g} m (default)"
 

@@ -23,9 +23,11 @@ from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
 from vibraverse.contract import products
 from vibraverse.contract.errors import Refused, UsageError
+from vibraverse.contract.names import slug
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.stage import Job, run
 from vibraverse.contract.texts import unknown
+from vibraverse.files import formats
 from vibraverse.flow.paths import Paths
 from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.machine.threads import set_threads
@@ -59,7 +61,7 @@ def parser() -> argparse.ArgumentParser:
         prog="vibraverse strike",
         description="Clean a mesh, fill it with tetrahedra, compute its vibration modes and render its impact sound.",
     )
-    p.add_argument("mesh", type=Path, metavar="MESH", help="OBJ, STL, PLY, OFF, GLB, glTF or 3MF")
+    p.add_argument("mesh", type=Path, metavar="MESH", help=formats.names(last=" or "))
     p.add_argument(
         "--material",
         default="ceramic",
@@ -141,15 +143,13 @@ class _Strike:
     """The validated request: everything wrong with it is said here, before anything is computed."""
 
     def __init__(self, arguments: argparse.Namespace):
-        from vibraverse.sources.search import is_mesh, slug
-
         self.mesh: Path = arguments.mesh
         if not self.mesh.is_file():
             wrong = "is not a file" if self.mesh.exists() else "does not exist"
             raise UsageError(f"the mesh file {self.mesh} {wrong}; name an existing file")
-        if not is_mesh(self.mesh.name):
+        if not formats.is_mesh(self.mesh.name):
             raise UsageError(
-                f"{self.mesh.name} is not a mesh file; export it as OBJ, STL, PLY, OFF, GLB, glTF or 3MF"
+                f"{self.mesh.name} is not a mesh file; export it as {formats.names(last=' or ')}"
             )
         self.object = slug(self.mesh.stem)
         self.solidity = "solid" if arguments.hollow is None else "hollow"

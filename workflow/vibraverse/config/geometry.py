@@ -35,7 +35,7 @@ class Clean(Section):
     """Thickness of a thickened sheet, as a share of its longest side."""
 
     limits: Limits = Limits()
-    """Limits of the repair."""
+    """Limits of reading and repairing the mesh."""
 
 
 class Grids(Section):

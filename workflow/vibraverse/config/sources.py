@@ -27,11 +27,11 @@ class Files(Section):
 
     path: str
     """A file, a folder (searched with its subfolders), a glob, or a manifest: a ``.csv`` or ``.tsv`` that lists one
-    mesh per row. OBJ, STL, PLY, OFF, GLB, glTF, 3MF."""
+    mesh per row. ``docs/own-meshes.md`` lists the formats."""
 
     size_m: Size | None = None
-    """Longest side of every mesh in metres, 0.001 to 50, unless its row states one; without it GLB, glTF and 3MF
-    keep the size they state and others get ``sources.default_size_m``."""
+    """Longest side of every mesh in metres, 0.001 to 50, unless its row states one; without it files that
+    state a size keep it and others get ``sources.default_size_m``."""
 
     category: str | None = None
     """What kind of thing these files show, unless a row says it; kept in every record."""

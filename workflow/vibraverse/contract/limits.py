@@ -19,11 +19,12 @@ import signal
 import sys
 import tempfile
 import time
+import traceback
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from vibraverse.contract.errors import Refused
+from vibraverse.contract.errors import PROGRAMMING, ChildFailed, Refused
 
 _TAIL = 600
 #: What libraries say when there is no memory left: the loader, C, C++, SuperLU.
@@ -34,6 +35,8 @@ _OUT_OF_MEMORY = (
     "MALLOC fails",
     "alloc() fails",
 )
+#: What they raise then.
+_EXHAUSTED = (ImportError, MemoryError, OSError, RuntimeError)
 _PR_SET_PDEATHSIG = 1
 
 
@@ -64,9 +67,13 @@ def _child(parent: int, connection, log: str, memory_mb: int, function: Callable
         connection.send(("ok", function(*arguments)))
     except Refused as refused:
         connection.send(("refused", refused))
-    except Exception as error:
-        exhausted = out_of_memory(error)
-        connection.send(("memory", None) if exhausted else ("error", f"{type(error).__name__}: {error}"))
+    except Exception as error:  # the edge of this process: whatever it is, the parent says it
+        if out_of_memory(error):
+            connection.send(("memory", None))
+        elif isinstance(error, PROGRAMMING):
+            connection.send(("mistake", traceback.format_exc()))
+        else:
+            connection.send(("error", f"{type(error).__name__}: {error}"))
     connection.close()
 
 
@@ -111,7 +118,8 @@ def run_limited(
     starts with.
 
     Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
-    crash or an exception, or the :class:`Refused` that the function itself raised.
+    crash or an exception, or the :class:`Refused` that the function itself raised; :class:`ChildFailed` after a
+    programming error.
     """
     context = multiprocessing.get_context("fork" if threads() == 1 else "spawn")
     receiver, sender = context.Pipe(duplex=False)
@@ -142,6 +150,8 @@ def run_limited(
         return value
     if status == "refused":
         raise value
+    if status == "mistake":
+        raise ChildFailed(f"a programming error in the process of {what}:\n{value}")
     print(f"{what}: {status}; last words: {words}", file=sys.stderr)
     said = f" Its last words: {words.splitlines()[-1].rstrip('.')}." if words else ""
     if status == "timeout":
@@ -206,7 +216,7 @@ def limited_memory(memory_mb: int, what: str, key: str) -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_AS, (_limit(memory_mb), before[1]))
     try:
         yield
-    except Exception as error:
+    except _EXHAUSTED as error:
         if not out_of_memory(error):
             raise
         raise Refused(

@@ -1,4 +1,4 @@
-"""Mesh files to arrays and back: OBJ, STL, PLY, OFF, GLB/glTF and 3MF.
+"""Mesh files to arrays and back, in every format of :mod:`vibraverse.files.formats`.
 
 Reading keeps what the file says: vertices are neither merged nor reordered nor dropped, polygons become
 triangles, and a scene of several parts becomes one mesh with each part where its transforms put it. Whatever
@@ -9,42 +9,19 @@ from __future__ import annotations
 
 import io
 import warnings
-from dataclasses import dataclass
 from pathlib import Path
-from typing import BinaryIO
 
 import numpy as np
 
 from vibraverse.contract.errors import Refused
 from vibraverse.contract.refusal import said
-from vibraverse.files.formats.bounds import Bounds, TooLarge
-from vibraverse.files.formats.glb import parse_glb
-from vibraverse.files.formats.gltf import pack
-from vibraverse.files.formats.ply import parse_ply
-from vibraverse.files.formats.stl import parse_stl
-from vibraverse.files.formats.textmeshes import parse_obj, parse_off
-from vibraverse.files.formats.threemf import parse_3mf
-from vibraverse.sources.search import FORMATS, open_regular
+from vibraverse.files.formats import MeshData, known, names, of_file
+from vibraverse.files.opening import open_regular
+from vibraverse.files.reading.bounds import Bounds, TooLarge
 
 _EXPORT_AGAIN = "Export it again from the program that made it."
 _EXPORT_WHOLE = "Export it again, completely: the file seems cut off."
 _CHECK_NAME = "Check that the file is whole and that its extension tells its format, then export it again."
-
-
-@dataclass(frozen=True)
-class MeshData:
-    """Triangles as a file states them.
-
-    ``vertices`` (V, 3) float64 in the file's units, ``faces`` (F, 3) int64, ``unit_m`` metres per unit where
-    the format states it (glTF is in metres, 3MF names its unit) and None elsewhere, ``parts`` how many meshes
-    were joined.
-    """
-
-    vertices: np.ndarray
-    faces: np.ndarray
-    unit_m: float | None = None
-    parts: int = 1
-
 
 #: Far above what any stage can use; a stage passes its own limit.
 _MAX_TRIANGLES = 100_000_000
@@ -55,48 +32,37 @@ def read_mesh(
 ) -> MeshData:
     """Read a mesh file.
 
-    ``format`` is a value of :data:`FORMATS` (default: by the extension); ``name`` is what to call the file in
+    ``format`` is the key of a format (default: by the extension); ``name`` is what to call the file in
     a refusal (default: its own name). A file that has more than ``max_triangles``, or says so, is refused before
     memory is spent on them. Raises :class:`Refused` with reason ``unreadable``, ``empty``, ``not_finite`` or
-    ``too_large``, and nothing else whatever the bytes are.
+    ``too_large``, and ``MemoryError``; nothing else whatever the bytes are.
     """
     path = Path(path)
     name = name or path.name
-    format = (format or FORMATS.get(path.suffix.lower(), path.suffix)).lower().lstrip(".")
-    if format not in FORMATS.values():
+    found = known().get(format.lower().lstrip(".")) if format else of_file(path)
+    if found is None:
         raise Refused(
             "unreadable",
-            f"{name} is not in a format that can be read ({format or 'no extension'}).",
-            f"Convert it to one of {', '.join(dict.fromkeys(FORMATS.values())).upper()}.",
+            f"{name} is not in a format that can be read ({format or path.suffix or 'no extension'}).",
+            f"Convert it to one of {names()}.",
         )
-    try:
-        with open_regular(path, name) as file, warnings.catch_warnings(), np.errstate(all="ignore"):
-            warnings.simplefilter("ignore")
-            if not file.read(1):
-                raise Refused("empty", f"{name} is empty (0 bytes).", _EXPORT_AGAIN)
-            file.seek(0)
-            return _checked(_PARSERS[format](file, path, Bounds(max_triangles)), name)
-    except Refused:
-        raise
-    except TooLarge as error:
-        raise Refused(
-            "too_large", f"{name} {said(error)}.", "Simplify the mesh, or raise clean.max_triangles."
-        ) from None
-    except MemoryError:
-        raise Refused(
-            "too_large", f"{name} needs more memory than this machine has.", "Simplify the mesh."
-        ) from None
-    except Exception as error:
-        what = said(error)
-        if isinstance(error, KeyError):
-            what = f"it lacks {what}"
-        elif isinstance(error, (TypeError, AttributeError, IndexError)):
-            what = "its parts are not where its structure says"
-        raise Refused(
-            "unreadable",
-            f"{name} could not be read as {format.upper()}: {what}.",
-            _CHECK_NAME,
-        ) from None
+    with open_regular(path, name) as file, warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        if not file.read(1):
+            raise Refused("empty", f"{name} is empty (0 bytes).", _EXPORT_AGAIN)
+        file.seek(0)
+        try:
+            data = io.BytesIO(found.pack(file.read(), path.parent)) if found.pack else file
+            mesh = found.read(data, Bounds(max_triangles))
+        except TooLarge as error:
+            raise Refused(
+                "too_large", f"{name} {said(error)}.", "Simplify the mesh, or raise clean.max_triangles."
+            ) from None
+        except (ValueError, OSError) as error:
+            raise Refused(
+                "unreadable", f"{name} could not be read as {found.name}: {said(error)}.", _CHECK_NAME
+            ) from None
+        return _checked(mesh, name)
 
 
 def _checked(mesh: MeshData, name: str) -> MeshData:
@@ -128,34 +94,6 @@ def _checked(mesh: MeshData, name: str) -> MeshData:
         )
     return MeshData(vertices, faces, mesh.unit_m, mesh.parts)
 
-
-def _plain(parse):
-    """Return a reader around a parser that gives vertices and triangles alone."""
-    return lambda file, path, bounds: MeshData(*parse(file, bounds))
-
-
-def _read_glb(file: BinaryIO, path: Path, bounds: Bounds) -> MeshData:
-    vertices, faces, parts = parse_glb(file, bounds)
-    return MeshData(vertices, faces, 1.0, parts)
-
-
-def _read_gltf(file: BinaryIO, path: Path, bounds: Bounds) -> MeshData:
-    return _read_glb(io.BytesIO(pack(file.read(), path.parent)), path, bounds)
-
-
-def _read_3mf(file: BinaryIO, path: Path, bounds: Bounds) -> MeshData:
-    return MeshData(*parse_3mf(file, bounds))
-
-
-_PARSERS = {
-    "obj": _plain(parse_obj),
-    "stl": _plain(parse_stl),
-    "ply": _plain(parse_ply),
-    "off": _plain(parse_off),
-    "glb": _read_glb,
-    "gltf": _read_gltf,
-    "3mf": _read_3mf,
-}
 
 _PLY_HEADER = (
     "ply\nformat binary_little_endian 1.0\n"

@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from vibraverse.contract.step import BODY, DATASET, KNOWN_BODY, OBJECT, SHARD, VALIDATION, Input, Output, Step
 
+#: What readers of mesh files import when they read.
+_READERS = ("vibraverse.files.reading.rows", "vibraverse.files.reading.scene")
 _SCIPY = ("scipy.interpolate", "scipy.ndimage", "scipy.optimize")
 _VTK = ("vtkmodules.vtkFiltersCore", "vtkmodules.vtkInteractionWidgets", "vtkmodules.vtkViewsContext2D")
 
@@ -50,7 +52,7 @@ STEPS = (
         record="record",
         options="geometry:Clean",
         libraries=("manifold3d", "numba", "numpy", "pymeshlab", "scipy", "vtk"),
-        imports=("vibraverse.geometry.cleaning.clean", "pymeshlab", *_SCIPY),
+        imports=("vibraverse.geometry.cleaning.clean", "pymeshlab", *_READERS, *_SCIPY),
         packed="clean",
     ),
     Step(

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibraverse.contract.errors import Refused
 from vibraverse.geometry import Mesh
 from vibraverse.geometry.surfaces import normals_and_areas
 
@@ -44,7 +45,8 @@ class Sampler:
     def occupancy(self, n: int) -> np.ndarray:
         """Return which cell centres lie inside, (n, n, n) bool.
 
-        Raises ``ValueError`` when rays do not enter and leave in turn: the surface is not closed.
+        Raises :class:`Refused` with reason ``too_thin`` when rays do not enter and leave in turn. That takes a surface
+        whose sides are nearer to each other than single precision tells, or one that is open.
         """
         x = cell_centres(n)
         column_x, column_y = np.repeat(x, n), np.tile(x, n)
@@ -58,7 +60,12 @@ class Sampler:
             todo = todo[~fair]
             if not len(todo):
                 return inside.reshape(n, n, n)
-        raise ValueError(f"{len(todo)} rays enter the body and never leave it")
+        raise Refused(
+            "too_thin",
+            f"{len(todo)} of {n * n} rays through the body do not enter and leave it in turn: it is thinner there than "
+            "a ten-millionth of its length, or its surface is open.",
+            "Thicken the body there, or close its surface, in the program that made it.",
+        )
 
     def signed_distance(self, n: int) -> np.ndarray:
         """Return the signed distance at the cell centres, (n, n, n) float32, negative inside.

@@ -15,8 +15,10 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from vibraverse.contract.names import slug
+from vibraverse.files.formats import is_mesh, names
 from vibraverse.physics.plausible import size_mistake
-from vibraverse.sources.search import NoMeshes, is_mesh, known_formats, slug, wrong_characters
+from vibraverse.sources.search import NoMeshes, wrong_characters
 
 #: Column -> what it holds.
 COLUMNS = {
@@ -163,7 +165,7 @@ def _row_mistakes(
     elif wrong := wrong_characters(str(manifest.parent / path)):
         yield "path", f"{path!r} {wrong}; rename the file"
     elif not is_mesh(os.path.basename(path)):
-        yield "path", f"{path} is not a mesh in a known format; export it as one ({known_formats()})"
+        yield "path", f"{path} is not a mesh in a known format; export it as one ({names()})"
     else:
         wrong = _file_mistake(str(manifest.parent / path))
         if wrong:

@@ -3,35 +3,36 @@
 from __future__ import annotations
 
 from dataclasses import asdict
+from typing import TYPE_CHECKING
 
 from vibraverse.contract.stage import Job
 
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from vibraverse.config.geometry import Clean
+    from vibraverse.geometry.cleaning.clean import CleanSurface
+
 
 def run(job: Job) -> None:
-    """Read the source mesh, repair it in a child process, write the surface and what was done to it."""
+    """Read and repair the source mesh in a child process, write the surface and what was done to it."""
     from vibraverse.contract import products
     from vibraverse.contract.limits import run_limited
     from vibraverse.files import meshes
     from vibraverse.geometry import surfaces
-    from vibraverse.geometry.cleaning.clean import clean
 
     source = products.read_json(job.inputs["source_record"])
-    mesh = meshes.read_mesh(
-        job.inputs["mesh"], source["format"], source.get("file"), job.options.max_triangles
-    )
     limits = job.options.limits
-    body = run_limited(
-        clean,
-        mesh.vertices,
-        mesh.faces,
-        job.options.max_triangles,
-        job.options.max_dropped,
-        job.options.open_sheets,
-        job.options.sheet_thickness,
+    body, source_triangles = run_limited(
+        read_and_clean,
+        job.inputs["mesh"],
+        source["format"],
+        source.get("file"),
+        job.options,
         seconds=limits.seconds,
         memory_mb=limits.memory_mb,
         key="clean.limits",
-        what="The repair",
+        what="Reading and repairing the mesh",
     )
     meshes.write_ply(job.outputs["surface"], body.vertices, body.faces)
     unit_m = source.get("unit_m")
@@ -49,7 +50,7 @@ def run(job: Job) -> None:
             "deviation": asdict(body.deviation),
             "volume_change": body.volume_change,
             "area_change": body.area_change,
-            "source_triangles": len(mesh.faces),
+            "source_triangles": source_triangles,
             "vertices": len(body.vertices),
             "triangles": len(body.faces),
             "centre": body.centre,
@@ -64,13 +65,32 @@ def run(job: Job) -> None:
     )
 
 
+def read_and_clean(path: Path, format: str, name: str | None, options: Clean) -> tuple[CleanSurface, int]:
+    """Return the cleaned body of a mesh file and how many triangles the file holds."""
+    from vibraverse.files.meshes import read_mesh
+    from vibraverse.geometry.cleaning.clean import clean
+
+    mesh = read_mesh(path, format, name, options.max_triangles)
+    body = clean(
+        mesh.vertices,
+        mesh.faces,
+        options.max_triangles,
+        options.max_dropped,
+        options.open_sheets,
+        options.sheet_thickness,
+    )
+    return body, len(mesh.faces)
+
+
 def prepare() -> None:
-    """Use each compiled loop on a tetrahedron: Numba loads it from its cache when it is first called."""
+    """Import every format; use each compiled loop on a tetrahedron: Numba loads it from its cache when first called."""
     import numpy as np
 
+    from vibraverse.files import formats
     from vibraverse.geometry.cleaning.clean import clean
     from vibraverse.geometry.distance.field import grid_distance
 
+    formats.known()
     corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     body = clean(corners, np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]))
     grid_distance(body.vertices, body.faces, *[np.linspace(-0.9, 0.9, 8)] * 3)

@@ -62,7 +62,7 @@ def _bundled(job: Job) -> dict:
 
 
 def _files(job: Job) -> dict:
-    from vibraverse.sources.search import as_one_file
+    from vibraverse.files.opening import as_one_file
 
     path: Path | None = job.inputs.get("file")
     if path is None:

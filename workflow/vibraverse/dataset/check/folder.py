@@ -8,7 +8,6 @@ ours), and ``dataset.json`` lists all but itself. Where a shard's bytes are wron
 from __future__ import annotations
 
 import itertools
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -17,8 +16,10 @@ from vibraverse.contract import products
 from vibraverse.contract.errors import Refused
 from vibraverse.contract.limits import run_limited
 from vibraverse.contract.refusal import said
+from vibraverse.dataset.check.validator import DAMAGE
 from vibraverse.dataset.schema import INDEX_COLUMNS, NO_SHARD, REFUSAL_COLUMNS
 from vibraverse.dataset.schema.tables import to_tsv
+from vibraverse.files.reading.document import parse
 from vibraverse.flow.chain import shards_in
 
 #: Limits of looking into one shard whose bytes are wrong: HDF5 may do anything with it.
@@ -112,10 +113,11 @@ def _there(path: Path) -> list[str]:
 def _stated(record: Path) -> tuple[dict[str, str], list[Finding]]:
     """Return the checksums that dataset.json states, and what is wrong with it."""
     try:
-        content = json.loads(record.read_text(encoding="utf-8"))
-        files = {SHARDS + name: entry["sha256"] for name, entry in content["shards"].items()}
-        return files | {name: entry["sha256"] for name, entry in content["files"].items()}, []
-    except (ValueError, LookupError, TypeError, AttributeError) as error:
+        content = parse(record.read_bytes())
+        shards, files = content.fields("shards"), content.fields("files")
+        stated = {SHARDS + name: shards.fields(name).text("sha256") for name in shards.value}
+        return stated | {name: files.fields(name).text("sha256") for name in files.value}, []
+    except ValueError as error:
         return {}, [Finding(RECORD, "", f"it is not as `vibraverse index` writes it ({said(error)})")]
 
 
@@ -171,7 +173,7 @@ def _table(path: Path, name: str) -> list[Finding]:
         with Reader(shards_in(path), splits=splits_at(path)) as reader:
             rows = getattr(reader, TABLES[name][0])
             expected = to_tsv(rows, TABLES[name][1]).splitlines()
-    except Exception:  # a broken shard has its own finding
+    except DAMAGE:  # a broken shard has its own finding
         return []
     lines = (path / name).read_text(encoding="utf-8", errors="replace").splitlines()
     for number, (line, right) in enumerate(itertools.zip_longest(lines, expected, fillvalue="")):

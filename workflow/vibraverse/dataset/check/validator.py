@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from vibraverse.contract.refusal import said
 from vibraverse.dataset import schema
 from vibraverse.dataset.check.invariants import violated
+from vibraverse.dataset.schema import stored
 from vibraverse.dataset.schema.checksums import differences
 from vibraverse.dataset.schema.fields import FIELDS
 from vibraverse.dataset.schema.ranges import outside
@@ -28,6 +29,8 @@ _NAMED = 3
 _ALWAYS = (schema.CHECKSUMS,)
 #: Fields of which every material has one.
 _SHAPES = ("mode_coefficients", "mode_shapes")
+#: What HDF5 and NumPy raise where bytes are wrong, and what is read from them does not fit.
+DAMAGE = (ArithmeticError, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -40,29 +43,38 @@ def problems(h5, repeats=None) -> list[tuple[str, str]]:
         strange = schema.strange(h5)
         if strange:
             return [("", strange)]
-        rows = _by_object(h5[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
-        refusals = _by_object(h5[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
-        making = json.loads(h5[schema.MAKING].asstr()[()])
-        names = list(h5["objects"])
+        rows = _by_object(stored.text(h5, schema.INDEX), schema.SHARD_COLUMNS)
+        refusals = _by_object(stored.text(h5, schema.REFUSALS), schema.REFUSAL_COLUMNS)
+        making = _making(stored.text(h5, schema.MAKING))
+        names = list(stored.group(h5, "objects"))
         looks = making.get("images", {}).get("options", {}).get("looks")
         optional = [schema.BY_NAME["views"].path] if looks in ([], VARIES) else []
-    except Exception as error:
+    except DAMAGE as error:
         return [("", f"its own tables cannot be read ({_said(error)})")]
     found = []
     for object_id in names:
         sentences: list[str] = []
         try:
-            group = h5["objects"][object_id]
+            group = stored.group(h5["objects"], object_id)
             told = rows.get(object_id, []), refusals.get(object_id, [])
             sentences.extend(_of_object(object_id, group, *told, optional))
             if not sentences and repeats is not None:
                 sentences.extend(repeats(object_id, group, making))
-        except Exception as error:
+        except DAMAGE as error:
             sentences.append(f"it cannot be read ({_said(error)})")
         found += [(object_id, sentence) for sentence in sentences]
     for object_id in sorted({**rows, **refusals}.keys() - set(names)):
         found.append((object_id, "the shard's index names it, but there is no such group"))
     return found
+
+
+def _making(text: str) -> dict:
+    """Return how a shard was made: by stage, with the options of each."""
+    making = json.loads(text)
+    stages = list(making.values()) if isinstance(making, dict) else [None]
+    if not all(isinstance(stage, dict) and isinstance(stage.get("options", {}), dict) for stage in stages):
+        raise ValueError(f"{schema.MAKING} is no record of stages")
+    return making
 
 
 def _by_object(table: str, columns: Columns) -> dict[str, list[dict]]:
@@ -86,7 +98,7 @@ def _of_object(
         more = f" and {len(wrong) - _NAMED} more" if len(wrong) > _NAMED else ""
         yield f"not as it was written: {', '.join(wrong[:_NAMED])}{more}"
     contents = _contents(group)
-    unknown = [path for path in contents if not schema.knows(path)]
+    unknown = [path for path in contents if not schema.knows(path) or _misplaced(path, contents[path])]
     for path in unknown:
         del contents[path]
     strange = [f"the dataset has no field at {path!r}" for path in unknown]
@@ -109,23 +121,32 @@ def _contents(group) -> dict[str, object]:
 
     def visit(name, item):
         is_dataset = isinstance(item, h5py.Dataset)
-        found.update(
-            {f"{name}@{key}": item.attrs[key] for key in item.attrs if not (is_dataset and key == "unit")}
-        )
+        for key in item.attrs:
+            if not (is_dataset and key == "unit"):
+                found[f"{name}@{key}"] = stored.attribute(item, key, f"{name}@{key}")
         if is_dataset:
-            found[name] = item
+            found[name] = stored.shaped(item, name)
 
     visit("", group)
     group.visititems(visit)
     return found
 
 
+def _misplaced(path: str, item) -> bool:
+    """Return whether an attribute stands where the table has an array, or the other way round."""
+    import h5py
+
+    return schema.field_at(path).is_attribute == isinstance(item, h5py.Dataset)
+
+
 def _fields(contents: dict) -> Iterator[str]:
     """Yield every wrong type, unit or range."""
+    import h5py
+
     for path, item in contents.items():
         field = schema.field_at(path)
         if field.is_text:
-            text = item if field.is_attribute else item.asstr()[()]
+            text = item if field.is_attribute else stored.text_of(item, path)
             if not isinstance(text, str):
                 yield f"{path} is no text"
             elif field.dtype == "json" and not _is_record(text):
@@ -133,7 +154,9 @@ def _fields(contents: dict) -> Iterator[str]:
             continue
         dtype = getattr(item, "dtype", type(item).__name__)
         if field.dtype == "png":
-            if not all(picture[:8].tobytes() == _PNG for picture in item[()]):
+            if h5py.check_vlen_dtype(dtype) != "uint8":
+                yield f"{path} holds no pictures"
+            elif not all(picture[:8].tobytes() == _PNG for picture in item[()]):
                 yield f"{path} holds something that is no PNG file"
         elif dtype != field.dtype:
             yield f"{path} is {dtype}, not {field.dtype}"
@@ -156,7 +179,9 @@ def _expected(group) -> Iterator[str]:
     Where it has none of them, the wildcard stands in the path.
     """
     refused = "refusal_reason" in group.attrs
-    bodies = {name: "refusal_reason" in group[name].attrs for name in SOLIDITIES if name in group}
+    bodies = {
+        name: "refusal_reason" in stored.group(group, name).attrs for name in SOLIDITIES if name in group
+    }
     for field in FIELDS:
         if field.name == "spectrum":
             if not bodies.get("solid", True):
@@ -178,8 +203,8 @@ def _expected(group) -> Iterator[str]:
 
 def _shapes_of(name: str, place: str, group) -> Iterator[str]:
     """Yield where materials have their mode shapes: in the basis, or as they are where it was not good enough."""
-    for material, stored in (group.get(place) or {}).items():
-        if bool(stored.attrs.get("solved_directly")) == (name == "mode_shapes"):
+    for material, values in stored.members(group, place).items():
+        if bool(values.attrs.get("solved_directly")) == (name == "mode_shapes"):
             yield f"{place}/{material}/{name}"
 
 
@@ -189,7 +214,7 @@ def _filled(path: str, group) -> Iterator[str]:
     if found is None:
         yield path
         return
-    for name in group.get(found[1]) or [found[2]]:
+    for name in stored.members(group, found[1]) or [found[2]]:
         yield path.replace(found[2], name)
 
 

@@ -12,6 +12,7 @@ import json
 import numpy as np
 
 from vibraverse.dataset import schema
+from vibraverse.dataset.schema.stored import attribute, text, value
 
 #: Hexadecimal digits kept of each SHA-256: 64 bits are plenty against accidents, and the list stays small.
 _DIGITS = 16
@@ -22,11 +23,11 @@ def checksums(group) -> dict[str, str]:
 
     Raises whatever HDF5 raises where it cannot read.
     """
-    found = {".": _of(group)}
+    found = {".": _of(group, ".")}
 
     def visit(name, item):
         if name != schema.CHECKSUMS:
-            found[name] = _of(item)
+            found[name] = _of(item, name)
 
     group.visititems(visit)
     return found
@@ -37,31 +38,33 @@ def differences(group) -> list[str]:
 
     Raises :class:`KeyError` when the group has no such list, and whatever HDF5 raises where it cannot read.
     """
-    stated = json.loads(group[schema.CHECKSUMS].asstr()[()])
+    stated = json.loads(text(group, schema.CHECKSUMS))
+    if not isinstance(stated, dict):
+        raise ValueError(f"{schema.CHECKSUMS} is no list of checksums")
     found = checksums(group)
     return [path for path in {**stated, **found} if stated.get(path) != found.get(path)]
 
 
-def _of(item) -> str:
+def _of(item, path: str) -> str:
     digest = hashlib.sha256()
     for name in sorted(item.attrs):
         digest.update(name.encode() + b"\0")
-        _add(digest, item.attrs[name])
+        _add(digest, attribute(item, name, f"{path}@{name}"))
     if hasattr(item, "keys"):
         digest.update("\0".join(sorted(key for key in item if key != schema.CHECKSUMS)).encode())
     else:
-        _add(digest, item[()])
+        _add(digest, value(item, path))
     return digest.hexdigest()[:_DIGITS]
 
 
-def _add(digest, value) -> None:
+def _add(digest, held) -> None:
     """Add a value with its type and shape: a number, a text, an array, or an array of arrays (pictures)."""
-    if isinstance(value, (str, bytes)):
-        value = value.encode() if isinstance(value, str) else value
-        digest.update(f"text {len(value)} ".encode() + value)
+    if isinstance(held, (str, bytes)):
+        held = held.encode() if isinstance(held, str) else held
+        digest.update(f"text {len(held)} ".encode() + held)
         return
-    array = np.ascontiguousarray(value)
-    digest.update(f"{array.dtype.str} {np.shape(value)} ".encode())
+    array = np.ascontiguousarray(held)
+    digest.update(f"{array.dtype.str} {np.shape(held)} ".encode())
     if array.dtype == object:
         for entry in array.flat:
             _add(digest, entry)

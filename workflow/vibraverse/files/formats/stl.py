@@ -5,36 +5,66 @@ from __future__ import annotations
 import struct
 from typing import BinaryIO
 
-import numpy as np
+from vibraverse.files.formats import Format, MeshData
+from vibraverse.files.reading.bounds import Bounds
+from vibraverse.files.reading.lines import invalid, lines
 
-from vibraverse.files.formats.bounds import Bounds
-from vibraverse.files.formats.textmeshes import parse_stl_text
-from vibraverse.geometry import Mesh
-
-_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+_HEADER, _TRIANGLE = 84, 50
 
 
-def parse_stl(file: BinaryIO, bounds: Bounds) -> Mesh:
-    """Return vertices (3F, 3) and triangles (F, 3); no vertex is shared, as the format has it.
+def read(file: BinaryIO, bounds: Bounds) -> MeshData:
+    """Return the triangles of an STL file; no vertex is shared, as the format has it."""
+    import numpy as np
 
-    Raises ``ValueError`` or :class:`vibraverse.files.formats.bounds.TooLarge`.
-    """
     head = file.read(1024)
     size = file.seek(0, 2)
     file.seek(0)
-    count = struct.unpack_from("<I", head, 80)[0] if len(head) >= 84 else None
-    needed = None if count is None else 84 + _TRIANGLE.itemsize * count
+    count = struct.unpack_from("<I", head, 80)[0] if len(head) >= _HEADER else None
+    needed = None if count is None else _HEADER + _TRIANGLE * count
     # Binary headers may begin with "solid" as well; texts hold no zero bytes.
     if head.lstrip()[:5].lower() == b"solid" and size != needed and b"\0" not in head:
-        return parse_stl_text(file, bounds)
-    if needed is None:
+        vertices = _text(file, bounds)
+    elif needed is None:
         raise ValueError("it is neither a text nor a binary STL file")
-    if size < needed:
+    elif size < needed:
         raise ValueError(
             f"it states {count} triangles, which take {needed} bytes, and has {size}: it seems cut off"
         )
-    bounds.check(triangles=count)
-    file.seek(84)
-    triangles = np.frombuffer(file.read(needed - 84), dtype=_TRIANGLE)
-    vertices = triangles["corners"].reshape(-1, 3).astype(np.float64)
-    return vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3)
+    else:
+        bounds.check(triangles=count)
+        file.seek(_HEADER)
+        triangle = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        triangles = np.frombuffer(file.read(needed - _HEADER), triangle)
+        vertices = triangles["corners"].reshape(-1, 3).astype(np.float64)
+    return MeshData(vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3))
+
+
+def _text(file: BinaryIO, bounds: Bounds):
+    """Return the vertices (3F, 3) of a text."""
+    from vibraverse.files.reading.polygons import Points
+
+    points = Points(bounds)
+    facets, closed = 0, True
+    for number, line in lines(file):
+        words = line.lower().split()
+        if not words or words[0] == b"solid":
+            closed = closed and not words  # a solid is open until its endsolid
+            continue
+        closed = words[0] in (b"endsolid", b"end")
+        for at, word in enumerate(words):
+            try:
+                if word == b"vertex":
+                    x, y, z = words[at + 1 : at + 4]
+                    points.add(float(x), float(y), float(z))
+                elif word == b"endloop" or word == b"endfacet":
+                    facets += word == b"endloop"
+                    if len(points) != 3 * facets:
+                        raise ValueError("a facet has three vertices")
+            except ValueError:
+                raise invalid(number, line) from None
+    if not closed or len(points) != 3 * facets:
+        raise ValueError(f"it ends inside a solid, after {facets} triangles, and seems cut off")
+    return points.array()
+
+
+FORMAT = Format("STL", (".stl",), read)

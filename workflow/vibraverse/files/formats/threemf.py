@@ -7,15 +7,24 @@ that unpacks into a huge one costs no memory.
 
 from __future__ import annotations
 
+import lzma
+import struct
 import zipfile
+import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
-from typing import BinaryIO
+from typing import TYPE_CHECKING, BinaryIO
 from xml.parsers import expat
 
-import numpy as np
+from vibraverse.contract.refusal import said
+from vibraverse.files.formats import Format, MeshData
+from vibraverse.files.reading.bounds import MAX_BYTES, MAX_PARTS, Bounds, TooLarge
 
-from vibraverse.files.formats.bounds import MAX_BYTES, MAX_PARTS, Bounds, TooLarge
-from vibraverse.files.formats.polygons import Parts, Points, Polygons
+if TYPE_CHECKING:
+    import numpy as np
+
+    from vibraverse.files.reading.polygons import Points, Polygons
 
 #: Metres per unit, by the model's ``unit`` attribute.
 UNITS_M = {
@@ -30,15 +39,31 @@ UNITS_M = {
 _MAX_DEPTH = 32
 _CHUNK = 1 << 20
 _MAX_SILENT = 1 << 24
+#: A transform that leaves everything in its place: three rows of a matrix and the shift.
+_IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+#: What the standard library raises for a damaged package, an encrypted one, or one that is compressed in another way.
+_DAMAGED = (
+    EOFError,
+    LookupError,
+    NotImplementedError,
+    OSError,
+    OverflowError,
+    RuntimeError,
+    ValueError,
+    lzma.LZMAError,
+    struct.error,
+    zipfile.BadZipFile,
+    zlib.error,
+)
 
 
 @dataclass(frozen=True)
 class _Placed:
-    """A component or a build item: which object of which model file, and where (4, 3)."""
+    """A component or a build item: which object of which model file, and where."""
 
     path: str | None
-    number: str | None
-    matrix: np.ndarray
+    number: str
+    matrix: tuple[float, ...]
 
 
 @dataclass
@@ -48,34 +73,45 @@ class _Object:
     components: list[_Placed] = field(default_factory=list)
 
 
-def parse_3mf(file: BinaryIO, bounds: Bounds) -> tuple[np.ndarray, np.ndarray, float, int]:
-    """Return vertices (V, 3), faces (F, 3), metres per unit and the number of parts of a 3MF package.
+def read(file: BinaryIO, bounds: Bounds) -> MeshData:
+    """Return the triangles of what the build section of a package places, and the unit that it states."""
+    import numpy as np
 
-    Only what the build section places exists. Raises :class:`vibraverse.files.formats.bounds.TooLarge` and
-    ``ValueError`` (or what the ZIP and XML readers raise) for a package that is not a valid 3MF file.
-    """
+    from vibraverse.files.reading.polygons import Parts
+
     package = _Package(file, bounds)
     start, parts = package.model(package.start), Parts(bounds)
     for item in start.items:
         for placed in package.instances(item, package.start, np.eye(4)[:, :3], 0):
             parts.add(*placed)
-    return *parts.mesh(), start.unit_m, len(parts)
+    return MeshData(*parts.mesh(), start.unit_m, len(parts))
 
 
 def unit_m(file: BinaryIO) -> float | None:
-    """Return the metres per unit that a 3MF package states, or None when it cannot be read."""
+    """Return the metres per unit that a package states, or None when it cannot be read."""
     try:
         package = _Package(file, Bounds(0))
         return package.model(package.start, only_unit=True).unit_m
-    except Exception:  # whatever is wrong with the package is said when its mesh is read
+    except (ValueError, TooLarge):  # which is said when the mesh is read
         return None
+
+
+@contextmanager
+def _opened() -> Iterator[None]:
+    """Turn what the standard library raises for a damaged package into a ``ValueError``. No code of ours runs in it."""
+    try:
+        yield
+    except _DAMAGED as error:
+        raise ValueError(f"its package is damaged ({said(error)})") from None
 
 
 class _Package:
     """The model files of a package, parsed once each."""
 
     def __init__(self, file: BinaryIO, bounds: Bounds):
-        self.archive, self.bounds = zipfile.ZipFile(file), bounds
+        with _opened():
+            self.archive = zipfile.ZipFile(file)
+        self.bounds = bounds
         self.names = {name.lstrip("/").lower(): name for name in self.archive.namelist()}
         models = [name for name in self.names if name.endswith("3dmodel.model")]
         models = models or [name for name in self.names if name.endswith(".model")]
@@ -96,22 +132,37 @@ class _Package:
             self._left -= info.file_size
             if self._left < 0 and not only_unit:
                 raise TooLarge(f"unpacks into more than {MAX_BYTES >> 20} MB")
-            with self.archive.open(info) as stream:
-                self._models[key] = _Model(stream, self.bounds, only_unit)
+            self._models[key] = _Model(self._unpacked(info), self.bounds, only_unit)
         return self._models[key]
 
-    def instances(self, placed: _Placed, default: str, above: np.ndarray, depth: int):
+    def _unpacked(self, info: zipfile.ZipInfo) -> Iterator[bytes]:
+        """Yield the bytes of a part in pieces."""
+        with _opened():
+            stream = self.archive.open(info)
+        with stream:
+            while True:
+                with _opened():
+                    piece = stream.read(_CHUNK)
+                if not piece:
+                    return
+                yield piece
+
+    def instances(
+        self, placed: _Placed, default: str, above: np.ndarray, depth: int
+    ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
         """Yield vertices, faces and placing matrix (4, 3) of an object and of its components; ``above`` places it."""
+        import numpy as np
+
         self._visits += 1
         if depth > _MAX_DEPTH:
             raise ValueError("its components refer to each other in a circle")
         if self._visits > MAX_PARTS:
             raise ValueError(f"it places more than {MAX_PARTS} parts")
         path = placed.path or default
-        found = self.model(path).objects.get(placed.number or "")
+        found = self.model(path).objects.get(placed.number)
         if found is None:
             raise ValueError(f"there is no object {placed.number}")
-        inner = placed.matrix
+        inner = np.array(placed.matrix).reshape(4, 3)
         matrix = np.vstack([inner[:3] @ above[:3], inner[3] @ above[:3] + above[3]])
         points = found.points.array()
         if len(points):
@@ -130,7 +181,7 @@ class _UnitRead(Exception):
 class _Model:
     """One model file, read as a stream: its unit, its objects by id, and what its build section places."""
 
-    def __init__(self, stream: BinaryIO, bounds: Bounds, only_unit: bool):
+    def __init__(self, pieces: Iterator[bytes], bounds: Bounds, only_unit: bool):
         self.unit_m = UNITS_M["millimeter"]
         self.objects: dict[str, _Object] = {}
         self.items: list[_Placed] = []
@@ -140,20 +191,34 @@ class _Model:
         parser = expat.ParserCreate()
         parser.StartElementHandler = self._start
         parser.StartDoctypeDeclHandler = self._doctype
+        parser.XmlDeclHandler = self._declaration
         silent = 0
         try:
-            while chunk := stream.read(_CHUNK):
+            for piece in pieces:
                 before = self._elements
-                parser.Parse(chunk)
-                silent = 0 if self._elements > before else silent + len(chunk)
+                parser.Parse(piece)
+                silent = 0 if self._elements > before else silent + len(piece)
                 if silent > _MAX_SILENT:
                     raise ValueError(f"its model has {silent >> 20} MB without an element")
             parser.Parse(b"", True)
         except _UnitRead:
             return
+        except expat.ExpatError as error:
+            raise ValueError(f"its model is no valid XML ({error})") from None
+
+    def _declaration(self, version: str, encoding: str | None, standalone: int) -> None:
+        try:
+            b" ".decode(encoding or "utf-8")
+        except (LookupError, ValueError):
+            raise ValueError(f"its model has the unknown encoding {encoding!r:.40}") from None
 
     def _doctype(self, *_):
         raise ValueError("its model has a document type declaration, which 3MF forbids")
+
+    def _new_object(self) -> _Object:
+        from vibraverse.files.reading.polygons import Points, Polygons
+
+        return _Object(Points(self._bounds), Polygons(self._bounds))
 
     def _start(self, name: str, attributes: dict[str, str]) -> None:
         name = name.rpartition(":")[2]
@@ -161,11 +226,11 @@ class _Model:
         if self._elements > 2 * (self._bounds.max_vertices + self._bounds.max_triangles) + 100_000:
             raise TooLarge(f"has more than {self._elements - 1} elements in its model")
         if self._object is not None and name == "vertex":
-            self._object.points.add(*(float(attributes[axis]) for axis in "xyz"))
+            self._object.points.add(*_numbers(float, name, attributes, ("x", "y", "z")))
         elif self._object is not None and name == "triangle":
-            self._object.triangles.add([int(attributes[corner]) for corner in ("v1", "v2", "v3")])
+            self._object.triangles.add(_numbers(int, name, attributes, ("v1", "v2", "v3")))
         elif name == "object":
-            self._object = _Object(Points(self._bounds), Polygons(self._bounds))
+            self._object = self._new_object()
             self.objects[attributes.get("id", "")] = self._object
         elif name in ("component", "item"):
             self._placed += 1
@@ -174,7 +239,7 @@ class _Model:
             path = next(
                 (value for key, value in attributes.items() if key.rpartition(":")[2] == "path"), None
             )
-            placed = _Placed(path, attributes.get("objectid"), _matrix(attributes.get("transform")))
+            placed = _Placed(path, attributes.get("objectid", ""), _matrix(attributes.get("transform")))
             if name == "item":
                 self.items.append(placed)
             elif self._object is not None:
@@ -188,8 +253,26 @@ class _Model:
                 raise _UnitRead
 
 
-def _matrix(text: str | None) -> np.ndarray:
-    """Return a transform as (4, 3): a row vector times it is the placed point."""
+def _numbers(kind: type, element: str, attributes: dict[str, str], names: tuple[str, ...]) -> list:
+    """Return attributes of an element as numbers of a ``kind``, int or float."""
+    try:
+        return [kind(attributes[name]) for name in names]
+    except (KeyError, ValueError):
+        held = " ".join(f"{name}={attributes.get(name)!r:.20}" for name in names)
+        raise ValueError(f"its model has a {element} with {held}") from None
+
+
+def _matrix(text: str | None) -> tuple[float, ...]:
+    """Return a transform's twelve numbers: three rows and the shift, for row vectors."""
     if not text:
-        return np.eye(4)[:, :3]
-    return np.array(text.split(), dtype=np.float64).reshape(4, 3)
+        return _IDENTITY
+    words = text.split()
+    if len(words) != len(_IDENTITY):
+        raise ValueError(f"its model has a transform of {len(words)} numbers instead of {len(_IDENTITY)}")
+    try:
+        return tuple(map(float, words))
+    except ValueError:
+        raise ValueError(f"its model has the transform {text[:60]!r}") from None
+
+
+FORMAT = Format("3MF", (".3mf",), read, unit_m)

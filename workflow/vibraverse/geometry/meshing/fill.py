@@ -6,6 +6,9 @@ takes minutes, on surfaces of real models.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
 
 from vibraverse.contract.errors import Refused
@@ -38,14 +41,23 @@ def fill(
         ):
             gmsh.option.setNumber(name, value)
         gmsh.logger.start()
-        _add_volume(gmsh, vertices, faces)
-        try:
+        with _complaints(gmsh):
+            _add_volume(gmsh, vertices, faces)
             gmsh.model.mesh.generate(3)
-        except Exception as error:
-            raise Refused("meshing_failed", f"gmsh: {_complaint(gmsh) or error}") from None
-        return _result(gmsh)
+            return _result(gmsh)
     finally:
         gmsh.finalize()
+
+
+@contextmanager
+def _complaints(gmsh) -> Iterator[None]:
+    """Raise :class:`Refused` with gmsh's words instead of its errors, whose type is ``Exception`` itself."""
+    try:
+        yield
+    except Exception as error:
+        if type(error) is not Exception:
+            raise
+        raise Refused("meshing_failed", f"gmsh: {_complaint(gmsh) or error}") from None
 
 
 def _add_volume(gmsh, vertices: np.ndarray, faces: np.ndarray) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from vibraverse.files.formats.bounds import MAX_PARTS, Bounds
+from vibraverse.files.reading.bounds import MAX_PARTS, Bounds
 from vibraverse.geometry import Mesh
 
 #: Corners that are looked at together, so that memory stays small.
@@ -29,8 +29,11 @@ class Polygons:
     sizes: array.array = field(default_factory=lambda: array.array("q"))
 
     def add(self, corners: list[int]) -> None:
-        """Append one polygon; raises :class:`TooLarge` beyond the limit."""
-        self.corners.extend(corners)
+        """Append one polygon; raises :class:`TooLarge` beyond the limit, ``ValueError`` for a corner beyond 64 bits."""
+        try:
+            self.corners.extend(corners)
+        except OverflowError:
+            raise ValueError("a face has a corner that is no number of a vertex") from None
         self.sizes.append(len(corners))
         if len(self.corners) - 2 * len(self.sizes) > self.bounds.max_triangles:
             self.bounds.check(triangles=len(self.corners) - 2 * len(self.sizes))

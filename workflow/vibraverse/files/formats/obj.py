@@ -1,0 +1,36 @@
+"""OBJ: positions and the corners of faces; indices count from 1, negative ones backwards from the latest vertex."""
+
+from __future__ import annotations
+
+from typing import BinaryIO
+
+from vibraverse.files.formats import Format, MeshData
+from vibraverse.files.reading.bounds import Bounds
+from vibraverse.files.reading.lines import invalid, joined, lines
+
+
+def read(file: BinaryIO, bounds: Bounds) -> MeshData:
+    """Return the triangles of an OBJ file; faces of fewer than three corners are not kept."""
+    from vibraverse.files.reading.polygons import Points, Polygons, triangulate
+
+    points, polygons = Points(bounds), Polygons(bounds)
+    for number, line in joined(lines(file)):
+        words = line.partition(b"#")[0].split()
+        if not words:
+            continue
+        try:
+            if words[0] == b"v":
+                x, y, z = words[1:4]
+                points.add(float(x), float(y), float(z))
+            elif words[0] in (b"f", b"fo") and len(words) > 3:
+                corners = [int(word.partition(b"/")[0]) for word in words[1:]]
+                if 0 in corners:
+                    raise ValueError("vertices count from 1")
+                polygons.add([c - 1 if c > 0 else len(points) + c for c in corners])
+        except ValueError:
+            raise invalid(number, line) from None
+    vertices = points.array()
+    return MeshData(vertices, triangulate(vertices, *polygons.arrays()))
+
+
+FORMAT = Format("OBJ", (".obj",), read)

@@ -1,0 +1,71 @@
+"""Mesh files opened and copied, without a look at what is in them."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.refusal import said
+from vibraverse.files.formats import of_file
+from vibraverse.files.reading.bounds import MAX_BYTES, TooLarge
+
+
+def open_regular(path: Path, name: str | None = None) -> BinaryIO:
+    """Open a mesh file for reading, without waiting for a pipe or a device.
+
+    Raises :class:`Refused`: ``unreadable`` where there is no file that may be read, ``too_large`` for one of
+    more than ``MAX_BYTES``. ``name`` is what to call it (default: its own name).
+    """
+    name = name or path.name
+    try:
+        state = path.stat()
+        if not stat.S_ISREG(state.st_mode):
+            kind = "a folder" if stat.S_ISDIR(state.st_mode) else "a pipe or a device"
+            raise Refused("unreadable", f"{name} is {kind} and not a file.", "Put a mesh file in its place.")
+        if state.st_size > MAX_BYTES:
+            raise Refused(
+                "too_large",
+                f"{name} has {state.st_size >> 20} MB; files of more than {MAX_BYTES >> 20} MB are not read.",
+                "Simplify the mesh.",
+            )
+        return open(path, "rb")
+    except OSError as error:
+        raise Refused(
+            "unreadable", f"{name} cannot be opened ({error.strerror}).", "Check the file's permissions."
+        ) from None
+
+
+def as_one_file(path: Path, target: Path) -> tuple[str, float | None]:
+    """Copy a mesh file to ``target``; return its format's key and the metres per unit it states (None: it states none).
+
+    A .gltf becomes a GLB that holds its neighbours too. Raises :class:`Refused` (``unreadable``) when one is
+    missing, or as :func:`open_regular` does; the bytes are not looked at otherwise.
+    """
+    format = of_file(path)
+    with open_regular(path) as file:
+        unit_m = format.unit_m(file) if format and format.unit_m else None
+        file.seek(0)
+        if format and format.pack and os.fstat(file.fileno()).st_size:
+            try:
+                packed = format.pack(file.read(), path.parent)
+            except TooLarge as error:
+                raise Refused("too_large", f"{path.name} {error}.", "Simplify the mesh.") from None
+            except MemoryError:
+                raise Refused(
+                    "too_large", f"{path.name} needs more memory than there is.", "Simplify the mesh."
+                ) from None
+            except (ValueError, OSError) as error:
+                raise Refused(
+                    "unreadable",
+                    f"{path.name} could not be packed into one file: {said(error)}.",
+                    "Export it as GLB, or put its buffers beside it.",
+                ) from None
+            target.write_bytes(packed)
+            return format.packed, unit_m
+        with open(target, "wb") as copy:
+            shutil.copyfileobj(file, copy, 1 << 20)
+    return format.key if format else "", unit_m

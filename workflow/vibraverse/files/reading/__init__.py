@@ -1,0 +1,1 @@
+"""What the readers of several mesh formats share: limits, lines of text, JSON documents, polygons, scenes."""

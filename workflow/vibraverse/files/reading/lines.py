@@ -1,0 +1,62 @@
+"""Lines of mesh files that are texts, numbered, whatever ends them and however long they are."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import BinaryIO
+
+#: No line of a mesh is longer: a polygon of two million corners has less.
+_MAX_LINE = 1 << 24
+
+
+def lines(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Yield the numbered lines of a text, whatever ends them: \\n, \\r\\n, or \\r alone."""
+    start = file.tell()
+    head = file.read(1 << 16)
+    file.seek(start)
+    found = (
+        _returns(file) if b"\r" in head and b"\n" not in head else iter(lambda: file.readline(_MAX_LINE), b"")
+    )
+    for number, line in enumerate(found, 1):
+        if len(line) >= _MAX_LINE:
+            raise ValueError(f"line {number} is longer than {_MAX_LINE >> 20} MB")
+        yield number, line
+
+
+def _returns(file: BinaryIO) -> Iterator[bytes]:
+    """Yield the lines that \\r alone ends."""
+    rest = b""
+    while len(rest) < _MAX_LINE and (chunk := file.read(1 << 20)):
+        *found, rest = (rest + chunk).split(b"\r")
+        yield from (line + b"\n" for line in found)
+    yield rest
+
+
+def joined(numbered: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
+    """Yield lines with those that end with a backslash joined to the next."""
+    parts, length = [], 0
+    for number, line in numbered:
+        length += len(line)
+        if length > _MAX_LINE:
+            raise ValueError(f"line {number} is longer than {_MAX_LINE >> 20} MB")
+        if line.endswith((b"\\\n", b"\\\r\n")):
+            parts.append(line.rstrip()[:-1] + b" ")
+            continue
+        yield number, b"".join([*parts, line])
+        parts, length = [], 0
+    if parts:
+        yield number, b"".join(parts)
+
+
+def rows(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
+    """Yield the numbered lines that hold more than a comment."""
+    for number, line in lines(file):
+        row = line.partition(b"#")[0].strip()
+        if row:
+            yield number, row
+
+
+def invalid(number: int, line: bytes) -> ValueError:
+    """Return the error that says which line cannot be read."""
+    text = line.strip()[:60].decode("utf-8", "replace")
+    return ValueError(f"line {number} is not valid: {text}")
