@@ -271,7 +271,7 @@ def test_the_configuration_lies_beside_the_dataset_and_plans_the_same_run(run, v
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("nowhere.h5",), "there is no file nowhere.h5"),
+        (("nowhere.h5",), "nowhere.h5 does not exist"),
         (("config.yaml",), "config.yaml lies in no results folder"),
         (("results/objects/bar-0000/other.txt",), "is no product of a stage"),
         (("results/dataset/index.tsv", "--object", "bar-0001"), "index.tsv holds no object 'bar-0001'"),

@@ -88,13 +88,22 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     except (NotStored, NotThere) as error:
         print(f"vibraverse: {error}", file=sys.stderr)
+        _drop_output()
         return 1
     except KeyboardInterrupt:
         print("vibraverse: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:  # whoever read this, `head` say, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return 141
+
+
+def _drop_output() -> None:
+    """Let what was printed and cannot be written go, or the process would end with a second sentence about it."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(name: str, argv: list[str]) -> int:
@@ -106,15 +115,20 @@ def _run(name: str, argv: list[str]) -> int:
         from vibraverse.contract.texts import unknown
 
         raise UsageError(unknown("command", name, [*COMMANDS, *BY_NAME]))
-    from vibraverse.contract.products import not_stored
+    from vibraverse.contract.products import STORING, not_stored
+    from vibraverse.contract.readable import unreadable
 
     module = importlib.import_module(f"vibraverse.commands.{name}")
     try:
-        return module.main(argv) or 0
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        said = not_stored(error, error.filename2 or error.filename or "what the command writes")
+        status = module.main(argv) or 0
+        sys.stdout.flush()
+        return status
+    except STORING as error:
+        named = [path for path in (getattr(error, "filename2", None), getattr(error, "filename", None)) if path]
+        if isinstance(error, PermissionError) and named and os.path.isfile(named[0]):
+            if wrong := unreadable(named[0]):
+                raise UsageError(f"{named[0]} {wrong}") from error
+        said = not_stored(error, *(named or ["what the command writes"]))
         if not said:
             raise
         raise NotStored(said) from error

@@ -23,6 +23,7 @@ from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
 from vibraverse.contract import products
 from vibraverse.contract.errors import Refused, UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.stage import Job, run
 from vibraverse.contract.texts import unknown
@@ -144,8 +145,7 @@ class _Strike:
         from vibraverse.sources.search import is_mesh, slug
 
         self.mesh: Path = arguments.mesh
-        if not self.mesh.is_file():
-            wrong = "is not a file" if self.mesh.exists() else "does not exist"
+        if wrong := unreadable(self.mesh):
             raise UsageError(f"the mesh file {self.mesh} {wrong}")
         if not is_mesh(self.mesh.name):
             raise UsageError(

@@ -18,6 +18,7 @@ import yaml
 
 from vibraverse.config import load
 from vibraverse.contract.errors import UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.slices import JOIN
 from vibraverse.flow.plan import Plan
 from vibraverse.flow.resources import CLASSES
@@ -172,8 +173,8 @@ def _checked(chosen: argparse.Namespace):
     if chosen.mem_mb is not None and chosen.mem_mb <= SNAKEMAKE_MB:
         raise UsageError(f"--mem-mb must be more than the {SNAKEMAKE_MB} that Snakemake itself may take")
     settings = chosen.profile / "config.yaml"
-    if not settings.is_file():
-        raise UsageError(f"there is no profile {chosen.profile}: {settings} does not exist")
+    if wrong := unreadable(settings):
+        raise UsageError(f"there is no profile {chosen.profile}: {settings} {wrong}")
     executor = (yaml.safe_load(settings.read_text(encoding="utf-8")) or {}).get("executor", "local")
     if executor != "local":
         raise UsageError(

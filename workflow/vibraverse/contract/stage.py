@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 from vibraverse import __version__
 from vibraverse.contract import products
 from vibraverse.contract.errors import NotStored, Refused, UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import Refusal, read_refusal
 from vibraverse.contract.step import Step
 
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
 
 #: The file by which Snakemake keeps the time of a folder.
 _TIMESTAMP = ".snakemake_timestamp"
-#: What the system and HDF5 raise where a file cannot be written.
-_STORING = (OSError, RuntimeError, ValueError, LookupError)
 
 
 @dataclass
@@ -38,7 +37,8 @@ class Job:
     """One run of a stage: resolved inputs, the paths to write to, the validated options.
 
     ``outputs`` are temporary paths beside the final ones, of folders there already; whatever the stage writes there is
-    renamed into place when it returns.
+    renamed into place when it returns. What must not happen before that, it puts into ``afterwards``; a killed job may
+    leave it undone.
     """
 
     step: Step
@@ -49,6 +49,7 @@ class Job:
     options: BaseModel | None
     threads: int = 1
     outputs: dict[str, Path] = field(default_factory=dict)
+    afterwards: list[Callable[[], None]] = field(default_factory=list)
 
     @cached_property
     def work(self) -> Path:
@@ -117,9 +118,10 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
     Raises :class:`UsageError` for inputs that do not exist and :class:`NotStored` where products cannot be written.
     """
     print(shlex.join(command), file=sys.stderr, flush=True)
+    own = [path for name, path in job.inputs.items() if name not in job.step.chained]
     for path in _flat(job.inputs):
-        if not path.is_file():  # opening a pipe would wait for ever
-            wrong = "is not a file" if path.exists() else "does not exist"
+        wrong = unreadable(path)
+        if wrong and not (path in own and path.is_file()):  # a closed file of the user's is the stage's to refuse
             raise UsageError(f"{job.step.name}: the input {path} {wrong}")
     for name in job.step.folders:
         _check_ours(job.step, name, job.final[name])
@@ -161,6 +163,8 @@ def _make(job: Job, work: Callable[[Job], None]) -> Refusal | None:
         work(job)
         for name, final in job.final.items():
             products.publish(job.outputs[name], final)
+        for tidy in job.afterwards:
+            tidy()
     except Refused as refused:
         about = refused.reason, refused.message, refused.advice
         refusal = Refusal(job.object, job.step.name, *about, job.solidity)
@@ -207,20 +211,12 @@ def _check_ours(step: Step, name: str, folder: Path) -> None:
 
 @contextmanager
 def _storing(job: Job):
-    """Raise :class:`NotStored` instead of an error which means that the products cannot be stored."""
+    """Say of which stage the products are that cannot be stored."""
     try:
-        yield
-    except _STORING as error:
-        finals = list(job.final.values())
-        if isinstance(error, PermissionError):  # which may as well mean an input
-            where = Path(str(error.filename))
-            inside = any(where.is_relative_to(path) for path in job.outputs.values())
-            if not inside and not any(path.is_relative_to(where) for path in finals):
-                raise
-        said = products.not_stored(error, finals[0])
-        if not said:
-            raise
-        raise NotStored(f"{job.step.name}: {said}") from error
+        with products.storing(*job.final.values()):
+            yield
+    except NotStored as error:
+        raise NotStored(f"{job.step.name}: {error}") from error
 
 
 def _cpu_s() -> float:
