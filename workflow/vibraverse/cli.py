@@ -37,6 +37,9 @@ COMMANDS = {
     "validation": "show how near the frequencies of known bodies are",
 }
 
+#: Failures whose frames hold HDF5 files that could not be written: letting go of them crashes, so nothing does.
+_UNWRITTEN: list[Exception] = []
+
 
 def _overview() -> str:
     def table(rows):
@@ -88,6 +91,7 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     except (NotStored, NotThere) as error:
         print(f"vibraverse: {error}", file=sys.stderr)
+        _UNWRITTEN.append(error)
         _drop_output()
         return 1
     except KeyboardInterrupt:

@@ -22,7 +22,7 @@ from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
 from vibraverse.contract import products
-from vibraverse.contract.errors import Refused, UsageError
+from vibraverse.contract.errors import NotStored, Refused, UsageError
 from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.stage import Job, run
@@ -122,6 +122,9 @@ def main(argv: list[str]) -> int:
     with tempfile.TemporaryDirectory(prefix="vibraverse-strike-") as folder:
         try:
             facts, sound = plan.run(Path(folder))
+        except NotStored as error:
+            place = Path(folder).parent
+            raise NotStored(f"{error} The stages of strike work in {place}; TMPDIR names another folder.") from error
         except Refused as refused:
             about = "" if plan.mesh.name in refused.message else f"{plan.mesh.name}: "
             print(f"vibraverse: {about}{refused} [{refused.reason}]", file=sys.stderr)

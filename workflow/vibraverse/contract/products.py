@@ -31,7 +31,7 @@ def not_stored(error: BaseException, *paths: str | Path) -> str:
     """Return one sentence when ``error`` says that ``paths`` cannot be stored, and what to do; else nothing.
 
     The sentence names the first of them. A file that may not be read is another matter. Libraries hide the system's
-    error in a text: HDF5 writes ``errno = 28`` into its own.
+    error in a text: HDF5 writes ``errno = 28`` into its own, NumPy only how much of an array found room.
     """
     if isinstance(error, PermissionError) and not _concerns(error, [Path(path) for path in paths]):
         return ""
@@ -39,6 +39,8 @@ def not_stored(error: BaseException, *paths: str | Path) -> str:
     if number is None:
         hidden = re.search(r"errno = (\d+)", str(error))
         number = int(hidden[1]) if hidden else None
+        if re.search(r"\d+ requested and \d+ written", str(error)):
+            number = errno.ENOSPC
     if number not in _NO_ROOM:
         return ""
     place = _final(paths[0])
