@@ -57,7 +57,10 @@ def test_each_way_of_not_being_readable_has_its_words(tmp_path, closed):
     ("arguments", "sentence"),
     [
         (("provenance", "none"), "none does not exist"),
-        (("provenance", "results"), "results is a folder; name a product in it, such as results/verdict.json"),
+        (
+            ("provenance", "results"),
+            "results is a folder; name a product in it, such as results/verdict.json",
+        ),
         (
             ("provenance", "results/objects"),
             "results/objects is a folder; name a product in it, such as results/objects/cup/clean.json",
@@ -101,7 +104,9 @@ def test_a_command_tells_a_missing_file_from_a_folder(tmp_path, monkeypatch, vib
     assert sorted(tmp_path.rglob("*")) == before
 
 
-@pytest.mark.parametrize("command", ["config check", "provenance", "refusals --record", "validation --record"])
+@pytest.mark.parametrize(
+    "command", ["config check", "provenance", "refusals --record", "validation --record"]
+)
 def test_a_command_tells_a_file_that_it_may_not_read(closed, vibraverse, command):
     with as_nobody():
         status, _, errors = vibraverse(*command.split(), closed)

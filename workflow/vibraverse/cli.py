@@ -128,10 +128,10 @@ def _run(name: str, argv: list[str]) -> int:
         sys.stdout.flush()
         return status
     except STORING as error:
-        named = [path for path in (getattr(error, "filename2", None), getattr(error, "filename", None)) if path]
-        if isinstance(error, PermissionError) and named and os.path.isfile(named[0]):
-            if wrong := unreadable(named[0]):
-                raise UsageError(f"{named[0]} {wrong}") from error
+        named = [path for name in ("filename2", "filename") if (path := getattr(error, name, None))]
+        read = isinstance(error, PermissionError) and named and os.path.isfile(named[0])
+        if read and (wrong := unreadable(named[0])):
+            raise UsageError(f"{named[0]} {wrong}") from error
         said = not_stored(error, *(named or ["what the command writes"]))
         if not said:
             raise

@@ -124,7 +124,9 @@ def main(argv: list[str]) -> int:
             facts, sound = plan.run(Path(folder))
         except NotStored as error:
             place = Path(folder).parent
-            raise NotStored(f"{error} The stages of strike work in {place}; TMPDIR names another folder.") from error
+            raise NotStored(
+                f"{error} The stages of strike work in {place}; TMPDIR names another folder."
+            ) from error
         except Refused as refused:
             about = "" if plan.mesh.name in refused.message else f"{plan.mesh.name}: "
             print(f"vibraverse: {about}{refused} [{refused.reason}]", file=sys.stderr)

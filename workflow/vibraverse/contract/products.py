@@ -162,6 +162,22 @@ def whole(path: str | Path):
             _erase(partial)
 
 
+@contextmanager
+def hdf5(path: str | Path):
+    """Yield an HDF5 file in memory, which is written to ``path`` as a whole when all is in it.
+
+    HDF5 2.0 crashes after a write of its own that found no room. The bytes are those that it would have written.
+    """
+    import h5py
+
+    with h5py.File(path, "w", driver="core", backing_store=False, block_size=2**20) as h5:
+        yield h5
+        h5.flush()
+        image = h5.id.get_file_image()
+    with storing(path):
+        Path(path).write_bytes(image)
+
+
 def write_text(path: str | Path, text: str) -> None:
     """Write UTF-8 text to ``path``, whole or not at all."""
     with whole(path) as partial:

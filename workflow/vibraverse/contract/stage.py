@@ -121,7 +121,9 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
     own = [path for name, path in job.inputs.items() if name not in job.step.chained]
     for path in _flat(job.inputs):
         wrong = unreadable(path)
-        if wrong and not (path in own and path.is_file()):  # a closed file of the user's is the stage's to refuse
+        if wrong and not (
+            path in own and path.is_file()
+        ):  # a closed file of the user's is the stage's to refuse
             raise UsageError(f"{job.step.name}: the input {path} {wrong}")
     for name in job.step.folders:
         _check_ours(job.step, name, job.final[name])
