@@ -1,7 +1,7 @@
 """Every stage of the table is really run, the validation's and the report's part of it too: planning finds no mistake.
 
-The tiny run makes all but the validation. That is run by its own rules for the body that takes least; the comparisons of
-the other bodies are copies of its.
+The tiny run makes all but the validation. That is run by its own rules for the body that takes least; the comparisons
+of the other bodies are copies of its.
 """
 
 from __future__ import annotations
