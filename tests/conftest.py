@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from pathlib import Path
 
 import pytest
@@ -48,6 +49,25 @@ def report_page(tmp_path_factory) -> Path:
     results = tmp_path_factory.mktemp("report") / "results"
     make_products.build(results)
     return make_products.report(results, title="Things that ring")
+
+
+@pytest.fixture
+def small_disk(tmp_path):
+    """A tmpfs whose size a test sets; only root may mount one."""
+    place = tmp_path / "disk"
+    place.mkdir()
+
+    def mount(options: str, remount: bool = False) -> Path:
+        options = f"remount,{options}" if remount else options
+        done = subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", options, "tmpfs", place], capture_output=True, text=True
+        )
+        if done.returncode != 0:
+            pytest.skip(f"a tmpfs cannot be mounted here ({done.stderr.strip()}): it takes root's rights")
+        return place
+
+    yield mount
+    subprocess.run(["umount", place], capture_output=True)
 
 
 @pytest.fixture

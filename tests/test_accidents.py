@@ -31,31 +31,6 @@ def made(tmp_path_factory) -> Paths:
     return make_products.build(tmp_path_factory.mktemp("accidents") / "results")
 
 
-@pytest.fixture
-def small_disk(tmp_path):
-    """A tmpfs whose size a test sets; only root may mount one."""
-    place = tmp_path / "disk"
-    place.mkdir()
-
-    def mount(options: str, remount: bool = False) -> Path:
-        words = [
-            "mount",
-            "-t",
-            "tmpfs",
-            "-o",
-            f"remount,{options}" if remount else options,
-            "tmpfs",
-            str(place),
-        ]
-        done = subprocess.run(words, capture_output=True, text=True)
-        if done.returncode != 0:
-            pytest.skip(f"a tmpfs cannot be mounted here ({done.stderr.strip()}): it takes root's rights")
-        return place
-
-    yield mount
-    subprocess.run(["umount", str(place)], capture_output=True)
-
-
 def command(paths: Paths, shard: Path) -> list[str]:
     """Return the command that packs two objects."""
     options = make_products.options(paths.results, ["ball-0000", "bar-0000"])

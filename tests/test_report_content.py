@@ -19,7 +19,8 @@ from vibraverse.geometry.cleaning import cautions as cleaning
 from vibraverse.geometry.meshing import cautions as meshing
 from vibraverse.physics import cautions as modal
 from vibraverse.report import content, quantities, render
-from vibraverse.stages.report import write_assets
+from vibraverse.stages import report
+from vibraverse.stages.report import remove_others, write_assets
 
 
 def test_the_page_names_nothing_outside_its_folder(report_page):
@@ -172,14 +173,62 @@ def test_texts_from_files_cannot_break_the_page():
     assert "<b>" not in text.split("<body>")[0]
 
 
-def test_assets_replace_those_of_an_earlier_page(tmp_path):
+def test_assets_of_another_page_stay_until_they_are_removed(tmp_path):
     first = write_assets(tmp_path, {"a/b.txt": b"1"})
-    assert write_assets(tmp_path, {"a/b.txt": b"1"}) == first
     (tmp_path / ".1.partial").mkdir()
     second = write_assets(tmp_path, {"a/b.txt": b"2"})
-    assert first != second
-    assert [path.name for path in tmp_path.iterdir()] == [second]
+    assert (tmp_path / first / "a/b.txt").read_bytes() == b"1"
     assert (tmp_path / second / "a/b.txt").read_bytes() == b"2"
+    remove_others(tmp_path, second)
+    assert [path.name for path in tmp_path.iterdir()] == [second]
+
+
+def test_assets_that_are_there_are_kept_and_mended(tmp_path):
+    first = write_assets(tmp_path, {"a/b.txt": b"1"})
+    before = (tmp_path / first).stat().st_ino
+    assert write_assets(tmp_path, {"a/b.txt": b"1"}) == first
+    assert (tmp_path / first).stat().st_ino == before
+    (tmp_path / first / "a/b.txt").write_bytes(b"")
+    assert write_assets(tmp_path, {"a/b.txt": b"1"}) == first
+    assert (tmp_path / first / "a/b.txt").read_bytes() == b"1"
+
+
+def whole_page(page: Path) -> str:
+    """Return a page's text, all of whose pictures and sounds are there."""
+    text = page.read_text(encoding="utf-8")
+    named = re.findall(r'(?:src|href)="(assets/[^"]+)"', text)
+    assert named
+    assert all((page.parent / name).is_file() for name in named)
+    return text
+
+
+def test_a_page_is_whole_whenever_the_next_one_is_killed(report_page, tmp_path, monkeypatch):
+    shutil.copytree(report_page.parents[1] / "dataset", tmp_path / "dataset")
+    page = make_products.report(tmp_path)
+    before, folders = whole_page(page), set((page.parent / "assets").iterdir())
+
+    def kill(*_):
+        raise KeyboardInterrupt
+
+    def publish(partial: Path, final: Path, really=products.publish):
+        kill() if final == page else really(partial, final)
+
+    for where, name, instead in ((render, "html", kill), (products, "publish", publish)):
+        with monkeypatch.context() as patched:
+            patched.setattr(where, name, instead)
+            with pytest.raises(AssertionError):  # exit status 130
+                make_products.report(tmp_path, max_objects=1)
+        assert whole_page(page) == before
+    with monkeypatch.context() as patched:
+        patched.setattr(report, "remove_others", kill)
+        with pytest.raises(AssertionError):
+            make_products.report(tmp_path, max_objects=1)
+    after = whole_page(page)
+    assert after != before
+    assert folders < set((page.parent / "assets").iterdir())
+    make_products.report(tmp_path, max_objects=1)
+    assert whole_page(page) == after
+    assert len(list((page.parent / "assets").iterdir())) == 1
 
 
 def test_spectrogram_shows_the_tone_where_it_is():

@@ -37,6 +37,9 @@ COMMANDS = {
     "validation": "show how near the frequencies of known bodies are",
 }
 
+#: Failures whose frames hold HDF5 files that could not be written: letting go of them crashes, so nothing does.
+_UNWRITTEN: list[Exception] = []
+
 
 def _overview() -> str:
     from vibraverse.flow.steps import BY_NAME
@@ -98,13 +101,23 @@ def _here(name: str, rest: list[str]) -> int:
         return 2
     except (NotStored, NotThere) as error:
         print(f"vibraverse: {error}", file=sys.stderr)
+        _UNWRITTEN.append(error)
+        _drop_output()
         return 1
     except KeyboardInterrupt:
         print("vibraverse: interrupted", file=sys.stderr)
         return 130
     except BrokenPipeError:  # whoever read this, `head` say, has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
         return 141
+
+
+def _drop_output() -> None:
+    """Let what was printed and cannot be written go, or the process would end with a second sentence about it."""
+    try:
+        sys.stdout.flush()
+    except OSError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _run(name: str, argv: list[str]) -> int:
@@ -112,7 +125,8 @@ def _run(name: str, argv: list[str]) -> int:
     import importlib
 
     from vibraverse.contract.errors import NotStored, UsageError
-    from vibraverse.contract.products import not_stored
+    from vibraverse.contract.products import STORING, not_stored
+    from vibraverse.contract.readable import unreadable
     from vibraverse.contract.texts import unknown
     from vibraverse.flow.steps import BY_NAME
 
@@ -121,14 +135,17 @@ def _run(name: str, argv: list[str]) -> int:
         return 0
     if name not in COMMANDS:
         raise UsageError(unknown("command", name, [*COMMANDS, *BY_NAME]))
-
     module = importlib.import_module(f"vibraverse.commands.{name}")
     try:
-        return module.main(argv) or 0
-    except BrokenPipeError:
-        raise
-    except OSError as error:
-        said = not_stored(error, error.filename2 or error.filename or "what the command writes")
+        status = module.main(argv) or 0
+        sys.stdout.flush()
+        return status
+    except STORING as error:
+        named = [path for name in ("filename2", "filename") if (path := getattr(error, name, None))]
+        read = isinstance(error, PermissionError) and named and os.path.isfile(named[0])
+        if read and (wrong := unreadable(named[0])):
+            raise UsageError(f"{named[0]} {wrong}") from error
+        said = not_stored(error, *(named or ["what the command writes"]))
         if not said:
             raise
         raise NotStored(said) from error

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from vibraverse.contract.errors import UsageError
-from vibraverse.contract.products import aside
+from vibraverse.contract.products import aside, storing
 
 #: Numbers of the index that are named where one occurs nowhere.
 _NEAREST = 5
@@ -95,14 +95,15 @@ def _export(chosen) -> None:
 def _new_folder(final: Path):
     """Yield a folder beside ``final``; on success it becomes ``final``, on failure it is removed."""
     partial = aside(final)
-    partial.mkdir(parents=True)
-    try:
-        yield partial
-        if final.exists():
-            final.rmdir()  # it is empty
-        partial.rename(final)
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
+    with storing(final):
+        try:
+            partial.mkdir(parents=True)
+            yield partial
+            if final.exists():
+                final.rmdir()  # it is empty
+            partial.rename(final)
+        finally:
+            shutil.rmtree(partial, ignore_errors=True)
 
 
 def _conditions(texts: list[str]) -> dict[str, list]:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import argparse
 import json
 import shlex
+from contextlib import suppress
 from pathlib import Path
 
 from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.step import option
 from vibraverse.contract.texts import advised, counted
@@ -39,10 +41,9 @@ def main(argv: list[str]) -> int:
         help="only the commands, in order: a script that makes the file again",
     )
     chosen = parser.parse_args(argv)
-    if not chosen.file.is_file():
-        raise UsageError(
-            f"the file {chosen.file} does not exist; name a product, as in results/objects/ID/surface.ply"
-        )
+    missing = "name a product, as in results/objects/ID/surface.ply"
+    if wrong := unreadable(chosen.file, missing=missing, folder=_instead(chosen.file)):
+        raise UsageError(f"{chosen.file} {wrong}")
     paths, inside = _results_of(chosen.file)
     if inside[0] == "objects":
         made = makers(jobs(paths, inside[1])).get(Path(paths.results, *inside))
@@ -66,6 +67,16 @@ def main(argv: list[str]) -> int:
         print(_told(made))
     print("\n".join(f"{what}\n    again  {command}" for what, command in last))
     return 0
+
+
+def _instead(folder: Path) -> str:
+    """Return what to name in the place of a folder: a product in it, where it holds one."""
+    for pattern in ("[!.]*", "*/[!.]*"):
+        for path in folder.glob(pattern):
+            with suppress(UsageError):
+                if _results_of(path) and path.is_file():
+                    return f"name a product in it, such as {path}"
+    return "name a product"
 
 
 def _results_of(file: Path) -> tuple[Paths, tuple[str, ...]]:

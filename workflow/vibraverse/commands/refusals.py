@@ -9,6 +9,7 @@ from pathlib import Path
 from vibraverse.commands import run_arguments, run_paths, run_solidities, share
 from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import REASONS, read_refusal
 from vibraverse.contract.texts import counted
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
@@ -139,8 +140,9 @@ def _recorded(record: Path) -> State:
     """Return the state a finished dataset states, in ``dataset.json`` and the table beside it."""
     table = record.with_name("refusals.tsv")
     for path in (record, table):
-        if not path.is_file():
-            raise UsageError(f"{path} does not exist, so the dataset is not finished; finish the run first")
+        missing = "so the dataset is not finished: finish the run first"
+        if wrong := unreadable(path, missing=missing, folder="name dataset.json in it"):
+            raise UsageError(f"{path} {wrong}")
     said = products.read_json(record)
     counts = said["counts"]
     rows = from_tsv(table.read_text(encoding="utf-8"), REFUSAL_COLUMNS)

@@ -22,8 +22,9 @@ from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
 from vibraverse.contract import products
-from vibraverse.contract.errors import Refused, UsageError
+from vibraverse.contract.errors import NotStored, Refused, UsageError
 from vibraverse.contract.names import slug
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.stage import Job, run
 from vibraverse.contract.texts import unknown
@@ -123,6 +124,11 @@ def main(argv: list[str]) -> int:
     with tempfile.TemporaryDirectory(prefix="vibraverse-strike-") as folder:
         try:
             facts, sound = plan.run(Path(folder))
+        except NotStored as error:
+            place = Path(folder).parent
+            raise NotStored(
+                f"{error} The stages of strike work in {place}; TMPDIR names another folder."
+            ) from error
         except Refused as refused:
             about = "" if plan.mesh.name in refused.message else f"{plan.mesh.name}: "
             print(f"vibraverse: {about}{refused} [{refused.reason}]", file=sys.stderr)
@@ -144,9 +150,8 @@ class _Strike:
 
     def __init__(self, arguments: argparse.Namespace):
         self.mesh: Path = arguments.mesh
-        if not self.mesh.is_file():
-            wrong = "is not a file" if self.mesh.exists() else "does not exist"
-            raise UsageError(f"the mesh file {self.mesh} {wrong}; name an existing file")
+        if wrong := unreadable(self.mesh, missing="name an existing file"):
+            raise UsageError(f"the mesh file {self.mesh} {wrong}")
         if not formats.is_mesh(self.mesh.name):
             raise UsageError(
                 f"{self.mesh.name} is not a mesh file; export it as {formats.names(last=' or ')}"

@@ -18,6 +18,7 @@ import yaml
 
 from vibraverse.config import load
 from vibraverse.contract.errors import UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.slices import JOIN
 from vibraverse.flow.plan import Plan
 from vibraverse.flow.resources import CLASSES
@@ -174,10 +175,8 @@ def _checked(chosen: argparse.Namespace):
             f"--mem-mb must be more than the {SNAKEMAKE_MB} that Snakemake itself may take, not {chosen.mem_mb}"
         )
     settings = chosen.profile / "config.yaml"
-    if not settings.is_file():
-        raise UsageError(
-            f"{chosen.profile} is not a profile: {settings} does not exist; choose one of workflow/profiles"
-        )
+    if wrong := unreadable(settings, missing="choose one of workflow/profiles"):
+        raise UsageError(f"{chosen.profile} is not a profile: {settings} {wrong}")
     executor = (yaml.safe_load(settings.read_text(encoding="utf-8")) or {}).get("executor", "local")
     if executor != "local":
         raise UsageError(

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.flow.paths import Paths
 
 
@@ -26,8 +27,10 @@ def main(argv: list[str]) -> int:
     )
     parser.add_argument("--verdict", type=Path, metavar="FILE", help="write the outcome here (JSON)")
     chosen = parser.parse_args(argv)
-    if not chosen.record.is_file():
-        raise UsageError(f"{chosen.record} does not exist; `snakemake validation` makes it")
+    if wrong := unreadable(
+        chosen.record, missing="`snakemake validation` makes it", folder="name validation.json in it"
+    ):
+        raise UsageError(f"{chosen.record} {wrong}")
     record = products.read_json(chosen.record)
     print(listing(record), end="")
     if chosen.verdict is not None:

@@ -16,6 +16,7 @@ from vibraverse.config.media import Audio, Images
 from vibraverse.config.physics import Basis, Material, Modes, Sampled
 from vibraverse.config.sources import Sources
 from vibraverse.contract.errors import UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.slices import JOIN, slice_numbers
 from vibraverse.contract.texts import listed, unknown
 from vibraverse.media.looks import LOOKS
@@ -202,8 +203,8 @@ def read(path: str | Path) -> dict:
     import yaml
 
     path = Path(path)
-    if not path.is_file():
-        raise ConfigError(f"the configuration file {path} does not exist; create it, or name another one")
+    if wrong := unreadable(path, missing="create it, or name another one"):
+        raise ConfigError(f"the configuration file {path} {wrong}")
     try:
         values = yaml.safe_load(path.read_text(encoding="utf-8"))
     except yaml.MarkedYAMLError as error:

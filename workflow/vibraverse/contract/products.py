@@ -13,6 +13,8 @@ import shutil
 from contextlib import contextmanager
 from pathlib import Path
 
+from vibraverse.contract.errors import NotStored
+
 #: What the system says when it cannot store a file: remedies by errno.
 _NO_ROOM = {
     errno.ENOSPC: "free some space",
@@ -21,20 +23,51 @@ _NO_ROOM = {
     errno.EACCES: "make it writable, or choose another results folder",
     errno.EPERM: "make it writable, or choose another results folder",
 }
+#: What the system and HDF5 raise where a file cannot be written.
+STORING = (OSError, RuntimeError, ValueError, LookupError)
 
 
-def not_stored(error: BaseException, path: str | Path) -> str:
-    """Return one sentence when ``error`` says that ``path`` cannot be stored there, and what to do; else nothing.
+def not_stored(error: BaseException, *paths: str | Path) -> str:
+    """Return one sentence when ``error`` says that ``paths`` cannot be stored, and what to do; else nothing.
 
-    Libraries hide the system's error in a text: HDF5 writes ``errno = 28`` into its own.
+    The sentence names the first of them. A file that may not be read is another matter. Libraries hide the system's
+    error in a text: HDF5 writes ``errno = 28`` into its own, NumPy only how much of an array found room.
     """
+    if isinstance(error, PermissionError) and not _concerns(error, [Path(path) for path in paths]):
+        return ""
     number = error.errno if isinstance(error, OSError) else None
     if number is None:
         hidden = re.search(r"errno = (\d+)", str(error))
         number = int(hidden[1]) if hidden else None
+        if re.search(r"\d+ requested and \d+ written", str(error)):
+            number = errno.ENOSPC
     if number not in _NO_ROOM:
         return ""
-    return f"{path} cannot be written: {os.strerror(number)}; {_NO_ROOM[number]}, then repeat the command."
+    place = _final(paths[0])
+    return f"{place} cannot be written: {os.strerror(number)}; {_NO_ROOM[number]}, then repeat the command."
+
+
+def _concerns(error: OSError, paths: list[Path]) -> bool:
+    """Return whether an error is about one of ``paths``, what is written aside for it, or a folder that it needs."""
+    if error.filename is None:
+        return True
+    named = Path(os.fsdecode(error.filename))
+    return any(
+        path.is_relative_to(named) or named.is_relative_to(path) or named.is_relative_to(aside(path))
+        for path in paths
+    )
+
+
+@contextmanager
+def storing(*paths: str | Path):
+    """Raise :class:`NotStored` instead of an error which means that ``paths`` cannot be stored."""
+    try:
+        yield
+    except STORING as error:
+        said = not_stored(error, *paths)
+        if not said:
+            raise
+        raise NotStored(said) from error
 
 
 def sha256(path: str | Path) -> str:
@@ -55,6 +88,11 @@ def aside(path: str | Path) -> Path:
     """
     path = Path(path)
     return path.with_name(f".{os.getpid()}.partial.{path.name}")
+
+
+def _final(path: str | Path) -> Path:
+    """Return a path with the final names of all that is written aside."""
+    return Path(*(re.sub(r"^\.\d+\.partial\.", "", part) for part in Path(path).parts))
 
 
 def work_folder(path: str | Path) -> Path:
@@ -109,15 +147,35 @@ def _erase(path: Path) -> None:
 
 @contextmanager
 def whole(path: str | Path):
-    """Yield a temporary path for a file or folder; on success it becomes ``path``, on failure it is removed."""
+    """Yield a temporary path for a file or folder; on success it becomes ``path``, on failure it is removed.
+
+    Raises :class:`NotStored` where it cannot be written.
+    """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
     partial = aside(path)
-    try:
-        yield partial
-        publish(partial, path)
-    finally:
-        _erase(partial)
+    with storing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        try:
+            yield partial
+            publish(partial, path)
+        finally:
+            _erase(partial)
+
+
+@contextmanager
+def hdf5(path: str | Path):
+    """Yield an HDF5 file in memory, which is written to ``path`` as a whole when all is in it.
+
+    HDF5 2.0 crashes after a write of its own that found no room. The bytes are those that it would have written.
+    """
+    import h5py
+
+    with h5py.File(path, "w", driver="core", backing_store=False, block_size=2**20) as h5:
+        yield h5
+        h5.flush()
+        image = h5.id.get_file_image()
+    with storing(path):
+        Path(path).write_bytes(image)
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 from vibraverse import __version__
 from vibraverse.contract import journal, products
 from vibraverse.contract.errors import NotStored, Refused, UsageError
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import Refusal, read_refusal
 from vibraverse.contract.step import SHARD, Step
 
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 #: The file by which Snakemake keeps the time of a folder.
 _TIMESTAMP = ".snakemake_timestamp"
-#: What the system and HDF5 raise where a file cannot be written.
-_STORING = (OSError, RuntimeError, ValueError, LookupError)
 
 
 @dataclass
@@ -39,7 +38,8 @@ class Job:
     """One run of a stage: resolved inputs, the paths to write to, the validated options.
 
     ``outputs`` are temporary paths beside the final ones, of folders there already; whatever the stage writes there is
-    renamed into place when it returns.
+    renamed into place when it returns. What must not happen before that, it puts into ``afterwards``; a killed job may
+    leave it undone.
     """
 
     step: Step
@@ -50,6 +50,7 @@ class Job:
     options: BaseModel | None
     threads: int = 1
     outputs: dict[str, Path] = field(default_factory=dict)
+    afterwards: list[Callable[[], None]] = field(default_factory=list)
 
     @property
     def work_folder(self) -> Path:
@@ -143,10 +144,12 @@ def _begin(job: Job) -> journal.Mark | None:
 
 def _run(job: Job, work: Callable[[Job], None]) -> str:
     """Run a job; return how it ended."""
+    own = [path for name, path in job.inputs.items() if name not in job.step.chained]
     for path in _flat(job.inputs):
-        if not path.is_file():  # opening a pipe would wait for ever
-            wrong = "is not a file" if path.exists() else "does not exist"
-            raise UsageError(f"{job.step.name}: the input {path} {wrong}; name an existing file")
+        wrong = unreadable(path, missing="name an existing file")
+        # A closed file of the user's is the stage's to refuse.
+        if wrong and not (path in own and path.is_file()):
+            raise UsageError(f"{job.step.name}: the input {path} {wrong}")
     for name in job.step.folders:
         _check_ours(job.step, name, job.final[name])
     started, cpu_before = time.perf_counter(), _cpu_s()
@@ -190,6 +193,8 @@ def _make(job: Job, work: Callable[[Job], None]) -> Refusal | None:
         work(job)
         for name, final in job.final.items():
             products.publish(job.outputs[name], final)
+        for tidy in job.afterwards:
+            tidy()
     except Refused as refused:
         about = refused.reason, refused.message, refused.advice
         refusal = Refusal(job.object, job.step.name, *about, job.solidity)
@@ -235,20 +240,12 @@ def _check_ours(step: Step, name: str, folder: Path) -> None:
 
 @contextmanager
 def _storing(job: Job):
-    """Raise :class:`NotStored` instead of an error which means that the products cannot be stored."""
+    """Say of which stage the products are that cannot be stored."""
     try:
-        yield
-    except _STORING as error:
-        finals = list(job.final.values())
-        if isinstance(error, PermissionError):  # which may as well mean an input
-            where = Path(str(error.filename))
-            inside = any(where.is_relative_to(path) for path in job.outputs.values())
-            if not inside and not any(path.is_relative_to(where) for path in finals):
-                raise
-        said = products.not_stored(error, finals[0])
-        if not said:
-            raise
-        raise NotStored(f"{job.step.name}: {said}") from error
+        with products.storing(*job.final.values()):
+            yield
+    except NotStored as error:
+        raise NotStored(f"{job.step.name}: {error}") from error
 
 
 def _cpu_s() -> float:

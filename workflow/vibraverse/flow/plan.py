@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from vibraverse.config import Config, ConfigError, parse
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.slices import JOIN, shard_of, shards_of_slice
 from vibraverse.flow.paths import Paths
 from vibraverse.sources.catalogue import Entry, catalogue
@@ -61,10 +62,8 @@ class Plan:
 
     def _check_kept(self, named: str) -> None:
         kept = Path(named).expanduser()
-        if not kept.is_file():
-            raise ConfigError(
-                f"dataset.keep_splits: the file {named} does not exist; name the splits.tsv of a dataset"
-            )
+        if wrong := unreadable(kept, missing="name the splits.tsv of a dataset"):
+            raise ConfigError(f"dataset.keep_splits: the file {named} {wrong}")
         if kept.resolve() == Path(self.paths.splits).resolve():
             raise ConfigError(
                 f"dataset.keep_splits: {named} is the table that this run itself writes; copy it and name the copy"

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from vibraverse.config import read
 from vibraverse.contract import products
-from vibraverse.contract.errors import NotThere, UsageError
+from vibraverse.contract.errors import NotStored, NotThere, UsageError
 from vibraverse.contract.texts import DEFAULT_CONFIG, advised, unknown
 from vibraverse.machine import containers, gpus
 
@@ -49,8 +49,8 @@ def configuration(path: str, text: str) -> None:
     """Write the resolved configuration, the run's first file."""
     try:
         products.write_text(path, text)
-    except OSError as error:
-        raise NotThere(products.not_stored(error, path) or str(error)) from None
+    except (NotStored, OSError) as error:
+        raise NotThere(str(error)) from None
 
 
 def known(plan: Plan, configs: Sequence[str | Path], kind: str, name: str) -> str:

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from vibraverse.contract.products import write_provenance
+from vibraverse.contract.products import hdf5, write_provenance
 from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
     """Solve for the basis of one body."""
-    import h5py
-
     from vibraverse.contract.limits import keep_memory, limited_memory
     from vibraverse.contract.seeds import rng
     from vibraverse.files.basis import write_basis
@@ -34,7 +32,7 @@ def run(job: Job) -> None:
             factorisation=options.factorisation,
             tolerance=options.tolerance,
         )
-    with h5py.File(job.outputs["basis"], "w") as h5:
+    with hdf5(job.outputs["basis"]) as h5:
         write_basis(h5, basis)
         write_provenance(h5, job.provenance())
     print(

@@ -23,11 +23,9 @@ def run(job: Job) -> None:
 
 def write_grids(path, occupied, distance, provenance: dict) -> None:
     """Write both grids as compressed HDF5 datasets that say what they are."""
-    import h5py
+    from vibraverse.contract.products import hdf5, write_provenance
 
-    from vibraverse.contract.products import write_provenance
-
-    with h5py.File(path, "w") as h5:
+    with hdf5(path) as h5:
         for name, data, what in (
             ("occupancy", occupied, "1 where the cell centre is inside"),
             ("signed_distance", distance, "distance to the surface, negative inside"),

@@ -7,7 +7,7 @@ because its Poisson's ratio lies outside the range) is solved on the mesh itself
 from __future__ import annotations
 
 from vibraverse.config.physics import MaterialModes
-from vibraverse.contract.products import read_json, write_provenance
+from vibraverse.contract.products import hdf5, read_json, write_provenance
 from vibraverse.contract.stage import Job
 from vibraverse.geometry import LONGEST_SIDE
 
@@ -54,7 +54,7 @@ def run(job: Job) -> None:
     scale_m = size_m / LONGEST_SIDE
     with h5py.File(job.inputs["basis"]) as h5:
         basis = read_basis(h5, surface=False)
-    with h5py.File(job.outputs["modes"], "w") as h5:
+    with hdf5(job.outputs["modes"]) as h5:
         h5.attrs["object"] = job.object
         h5.attrs["solidity"] = job.solidity
         h5.attrs["size_m"] = size_m

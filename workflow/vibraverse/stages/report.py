@@ -1,7 +1,7 @@
 """Reporting: the page people open, with its pictures and sounds in a folder beside it.
 
-The folder of pictures and sounds is named by their content, so a page never meets those of another; the page
-itself appears last.
+The folder of pictures and sounds is named by their content, so a page never meets those of another. Those of the page
+before stay until the new one is in place.
 """
 
 from __future__ import annotations
@@ -29,25 +29,46 @@ def run(job: Job) -> None:
         reader.items, reader.refusals = index, refusals
         cards, assets = render.gather(reader, job.options.max_objects)
         warned = warnings(reader)
-    folder = write_assets(job.final["page"].parent / "assets", assets)
+    parent = job.final["page"].parent / "assets"
+    folder = write_assets(parent, assets)
+    job.afterwards.append(lambda: remove_others(parent, folder))
     validation = products.read_json(job.inputs["validation"]) if "validation" in job.inputs else None
     page = render.html(job.options.title, record, refusals, cards, f"assets/{folder}", validation, warned)
     job.outputs["page"].write_text(page, encoding="utf-8")
 
 
 def write_assets(parent: Path, assets: dict[str, bytes]) -> str:
-    """Write files into a folder of ``parent`` named by their content; remove others; return the folder's name."""
-    digest = hashlib.sha256()
-    for name, content in sorted(assets.items()):
-        digest.update(f"{name}\0{len(content)}\0".encode() + content)
-    final = parent / digest.hexdigest()[:12]
+    """Write files into a folder of ``parent`` named by their content; return the folder's name.
+
+    One that holds them already stays as it is: a page may show it now.
+    """
+    final = parent / _name(assets)
+    if final.is_dir() and _name(_read(final)) == final.name:
+        return final.name
     with products.whole(final) as partial:
         partial.mkdir()
         for name, content in assets.items():
             path = partial / name
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_bytes(content)
-    for other in parent.iterdir():
-        if other != final:
-            shutil.rmtree(other)
     return final.name
+
+
+def remove_others(parent: Path, kept: str) -> None:
+    """Remove the folders of other pages, and what killed runs left."""
+    for other in parent.iterdir():
+        if other.name != kept:
+            shutil.rmtree(other)
+
+
+def _name(assets: dict[str, bytes]) -> str:
+    digest = hashlib.sha256()
+    for name, content in sorted(assets.items()):
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()[:12]
+
+
+def _read(folder: Path) -> dict[str, bytes]:
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()
+    }

@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from vibraverse.contract.products import write_provenance
+from vibraverse.contract.products import hdf5, write_provenance
 from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
     """Make the body's surface, clean it, hollow it where it is hollow, and mesh it."""
-    import h5py
-
     from vibraverse.validation.bodies import BODIES
     from vibraverse.validation.meshes import meshes
 
     scale_m, made = meshes(BODIES[job.object])
-    with h5py.File(job.outputs["meshes"], "w") as h5:
+    with hdf5(job.outputs["meshes"]) as h5:
         h5.attrs["scale_m"] = scale_m
         for number, mesh in enumerate(made):
             group = h5.create_group(str(number))

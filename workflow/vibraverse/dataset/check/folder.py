@@ -15,6 +15,7 @@ from typing import NamedTuple
 from vibraverse.contract import products
 from vibraverse.contract.errors import Refused
 from vibraverse.contract.limits import run_limited
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import said
 from vibraverse.dataset.check.validator import DAMAGE
 from vibraverse.dataset.schema import INDEX_COLUMNS, NO_SHARD, REFUSAL_COLUMNS
@@ -58,9 +59,11 @@ def findings(path: str | Path, share: float = 0.0) -> Iterator[Finding]:
         yield from found
         return
     record = path / RECORD
-    if not record.is_file():
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist; name a dataset's folder, or a shard")
+    if wrong := unreadable(record):
         hint = f"; there is one in {path / 'dataset'}" if (path / "dataset" / RECORD).is_file() else ""
-        raise FileNotFoundError(f"{path} holds no finished dataset (there is no {record}){hint}")
+        raise FileNotFoundError(f"{path} holds no finished dataset: {record} {wrong}{hint}")
     found = [name for name in _there(path) if (path / name).is_file()]
     actual = {name: products.sha256(path / name) for name in found}
     stated, wrong = _stated(record)

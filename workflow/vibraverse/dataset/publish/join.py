@@ -48,7 +48,7 @@ def join_datasets(folders: Sequence[Path], out: Path) -> int:
     for folder, shard in shards:
         with Reader([shard], splits=splits_at(folder)) as reader, h5py.File(shard) as h5:
             view.add(folder, shard, reader, h5)
-    with products.whole(out) as partial, h5py.File(partial, "w") as h5:
+    with products.whole(out) as partial, products.hdf5(partial) as h5:
         groups = h5.create_group("objects")
         for object_id, place in sorted(view.links.items()):
             groups[object_id] = h5py.ExternalLink(place, f"/objects/{object_id}")

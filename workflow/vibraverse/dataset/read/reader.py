@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vibraverse.contract.readable import unreadable
 from vibraverse.contract.texts import unknown
 from vibraverse.dataset import schema
 from vibraverse.dataset.read.sampled import read_sampled, rows_of
@@ -255,8 +256,10 @@ def shards_at(path: str | Path) -> list[Path]:
     if path.is_file():
         return [path]
     record = path / "dataset.json"
-    if not record.is_file():
-        raise FileNotFoundError(f"{path} holds no finished dataset (there is no {record})")
+    if not path.exists():
+        raise FileNotFoundError(f"{path} does not exist; name a dataset's folder, or a shard")
+    if wrong := unreadable(record):
+        raise FileNotFoundError(f"{path} holds no finished dataset: {record} {wrong}")
     return [path / "shards" / name for name in json.loads(record.read_text(encoding="utf-8"))["shards"]]
 
 
