@@ -197,7 +197,12 @@ def dataset(check: Check) -> None:
     shard = refuse_all(check)
     check.run("dataset", *check.options("dataset"), shard=shard)
     paths = check.plan.paths
-    names = {"record": "dataset_record", "parquet": "index_parquet", "sums": "dataset_sums"}
+    names = {
+        "record": "dataset_record",
+        "columns": "index_columns",
+        "parquet": "index_parquet",
+        "sums": "dataset_sums",
+    }
     same = ("index", "splits", "refusals", "card", "overview", "croissant")
     found = {name: check.at(getattr(paths, names.get(name, name))) for name in (*same, *names)}
     check.run("index", *check.options("index"), shards=shard, **found)
@@ -226,17 +231,15 @@ def report(check: Check) -> None:
     """The page of a dataset of refused objects, indexed by the library."""
     from vibraverse.contract import products
     from vibraverse.dataset.read.reader import Reader
-    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
-    from vibraverse.dataset.schema.tables import to_tsv
+    from vibraverse.dataset.write.columns import write_index
     from vibraverse.dataset.write.summary import summary
 
     shard = packed(check)
     paths = check.plan.paths
-    index = {"index": paths.index, "refusals": paths.refusals, "record": paths.dataset_record}
+    index = {"index": paths.index_columns, "record": paths.dataset_record}
     index = {name: check.at(path) for name, path in index.items()}
     with Reader([shard]) as reader:
-        index["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
-        index["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
+        write_index(index["index"], reader.index)
         products.write_json(index["record"], {**summary(reader, {}), "shards": {}})
     check.run("report", *check.options("report"), shards=shard, **index, page=check.at(paths.report))
 

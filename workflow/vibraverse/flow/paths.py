@@ -46,6 +46,7 @@ class Paths:
         self.shard = f"{self.dataset}/shards/{{shard}}.h5"
         self.index = f"{self.dataset}/index.tsv"
         self.splits = f"{self.dataset}/splits.tsv"
+        self.index_columns = f"{self.dataset}/index.h5"
         self.index_parquet = f"{self.dataset}/index.parquet"
         self.refusals = f"{self.dataset}/refusals.tsv"
         self.card = f"{self.dataset}/README.md"

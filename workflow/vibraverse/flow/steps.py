@@ -197,7 +197,7 @@ STEPS = (
     ),
     Step(
         name="index",
-        version=6,
+        version=7,
         help="write the dataset's index, refusals and record",
         per=DATASET,
         family="dataset",
@@ -210,6 +210,7 @@ STEPS = (
         },
         outputs={
             "index": Output("index", "index.tsv: one row per object, solidity and material"),
+            "columns": Output("index_columns", "index.h5: the same rows by column, as readers open them"),
             "parquet": Output("index_parquet", "index.parquet: the same rows"),
             "splits": Output("splits", "splits.tsv: one row per object, with the object whose copy it is"),
             "refusals": Output("refusals", "refusals.tsv: one row per refused object or body"),
@@ -233,13 +234,12 @@ STEPS = (
     ),
     Step(
         name="report",
-        version=4,
+        version=5,
         help="write the page people open",
         per=DATASET,
         family="report",
         inputs={
-            "index": Input("index", "index.tsv"),
-            "refusals": Input("refusals", "refusals.tsv"),
+            "index": Input("index_columns", "index.h5"),
             "record": Input("dataset_record", "dataset.json"),
             "shards": Input("shard", "all shards (HDF5)", many=True),
             "validation": Input(
