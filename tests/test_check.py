@@ -350,6 +350,7 @@ def test_an_older_schema_is_one_sentence(dataset, vibraverse, tmp_path):
         part
         for name in (
             "index",
+            "columns",
             "parquet",
             "splits",
             "refusals",
