@@ -271,8 +271,7 @@ def indexed(check: Check, path: Path) -> None:
     """Write the index, the refusals and the record of a dataset, by the library."""
     from vibraverse.contract import products
     from vibraverse.dataset.read.reader import Reader
-    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
-    from vibraverse.dataset.schema.tables import to_tsv
+    from vibraverse.dataset.write.columns import write_index
     from vibraverse.dataset.write.summary import summary
 
     shards = check.all_of("shard")
@@ -280,8 +279,7 @@ def indexed(check: Check, path: Path) -> None:
         if not shard.exists():
             packed(check, shard)
     with Reader(shards) as reader:
-        check.at("index").write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
-        check.at("refusals").write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
+        write_index(check.at("index_columns"), reader.index)
         products.write_json(check.at("dataset_record"), {**summary(reader, {}), "shards": {}})
 
 
@@ -294,8 +292,7 @@ BY_HAND = {
     "validation_comparison": comparison,
     "config": configuration,
     "shard": packed,
-    "index": indexed,
-    "refusals": indexed,
+    "index_columns": indexed,
     "dataset_record": indexed,
 }
 

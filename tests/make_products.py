@@ -96,15 +96,16 @@ def index(results: Path, shards: list[Path], *more) -> None:
     paths = Paths(results)
     tables = ("--index", paths.index, "--splits", paths.splits, "--refusals", paths.refusals)
     about = ("--card", paths.card, "--overview", paths.overview, "--croissant", paths.croissant)
-    others = ("--parquet", paths.index_parquet, "--sums", paths.dataset_sums)
-    call("index", "--shards", *shards, *tables, "--record", paths.dataset_record, *about, *others, *more)
+    columns = ("--columns", paths.index_columns, "--parquet", paths.index_parquet)
+    others = ("--record", paths.dataset_record, "--sums", paths.dataset_sums)
+    call("index", "--shards", *shards, *tables, *columns, *about, *others, *more)
 
 
 def report(results: Path, **changes) -> Path:
     """Write the page with the stage ``report``."""
     paths = Paths(results)
     shards = sorted(Path(paths.shard).parent.glob("*.h5"))
-    inputs = ("--index", paths.index, "--refusals", paths.refusals, "--record", paths.dataset_record)
+    inputs = ("--index", paths.index_columns, "--record", paths.dataset_record)
     call("report", *inputs, "--shards", *shards, "--page", paths.report, "--options", json.dumps(changes))
     return Path(paths.report)
 

@@ -144,7 +144,9 @@ def crash(path: str, share: float):
     return []
 
 
-@pytest.mark.parametrize("name", ["index.tsv", "index.parquet", "refusals.tsv", "dataset.json", "SHA256SUMS"])
+@pytest.mark.parametrize(
+    "name", ["index.tsv", "index.h5", "index.parquet", "refusals.tsv", "dataset.json", "SHA256SUMS"]
+)
 def test_flips_beside_the_shards_are_found(dataset, name):
     draw = random.Random(3)
     path = dataset / name
@@ -348,6 +350,7 @@ def test_an_older_schema_is_one_sentence(dataset, vibraverse, tmp_path):
         part
         for name in (
             "index",
+            "columns",
             "parquet",
             "splits",
             "refusals",

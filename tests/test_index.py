@@ -9,7 +9,8 @@ import pytest
 import make_products
 from vibraverse.contract import products
 from vibraverse.dataset import schema
-from vibraverse.dataset.schema import tables
+from vibraverse.dataset.schema.columns import Table
+from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.dataset.write.parquet import write_parquet
 from vibraverse.flow.paths import Paths
 
@@ -42,10 +43,12 @@ def test_parquet_holds_the_same_rows_with_their_types_and_meanings(paths, tmp_pa
 
     table = pq.read_table(paths.index_parquet)
     with open(paths.index, encoding="utf-8") as file:
-        assert table.to_pylist() == tables.from_tsv(file.read(), schema.INDEX_COLUMNS)
+        assert table.to_pylist() == from_tsv(file.read(), schema.INDEX_COLUMNS)
     assert str(table.schema.field("mass_kg").type) == "double"
     assert table.schema.field("mass_kg").metadata == {b"description": b"mass of the body"}
-    write_parquet(tmp_path / "again", table.to_pylist(), schema.INDEX_COLUMNS)
+    with open(paths.index, encoding="utf-8") as file:
+        again = Table.from_tsv(file.read(), schema.INDEX_COLUMNS)
+    write_parquet(tmp_path / "again", again, schema.INDEX_COLUMNS)
     assert products.sha256(tmp_path / "again") == products.sha256(paths.index_parquet)
 
 
@@ -104,13 +107,15 @@ def test_an_empty_split_is_counted_and_said(paths):
 
 def test_order_of_the_shards_does_not_matter(paths, tmp_path):
     shards = [paths.at(paths.shard, shard=number) for number in ("1", "0")]
-    names = ("index", "splits", "refusals", "record", "card", "overview", "croissant", "parquet", "sums")
+    tables = ("index", "columns", "parquet", "splits", "refusals")
+    names = (*tables, "record", "card", "overview", "croissant", "sums")
     outputs = [(f"--{name}", tmp_path / name) for name in names]
     make_products.call("index", "--shards", *shards, *sum(outputs, ()))
     same = {
         "index": paths.index,
         "splits": paths.splits,
         "overview": paths.overview,
+        "columns": paths.index_columns,
         "parquet": paths.index_parquet,
     }
     for name, path in same.items():

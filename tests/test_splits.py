@@ -20,7 +20,8 @@ from vibraverse.flow.plan import Plan
 from vibraverse.flow.targets import kept_splits
 
 SPLITS = Dataset().splits
-OUTPUTS = ("index", "splits", "refusals", "record", "card", "overview", "croissant", "parquet", "sums")
+TABLES = ("index", "columns", "parquet", "splits", "refusals")
+OUTPUTS = (*TABLES, "record", "card", "overview", "croissant", "sums")
 
 
 def alone(names) -> dict[str, str]:

@@ -7,6 +7,7 @@ rule index:
         kept=targets.kept_splits(plan),
     output:
         index=paths.index,
+        columns=paths.index_columns,
         parquet=paths.index_parquet,
         splits=paths.splits,
         refusals=paths.refusals,
@@ -40,6 +41,7 @@ rule index:
         "--shards {input.shards:q} "
         "{params.kept} "
         "--index {output.index:q} "
+        "--columns {output.columns:q} "
         "--parquet {output.parquet:q} "
         "--splits {output.splits:q} "
         "--refusals {output.refusals:q} "

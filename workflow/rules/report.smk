@@ -4,8 +4,7 @@
 rule report:
     input:
         shards=targets.shards(plan),
-        index=paths.index,
-        refusals=paths.refusals,
+        index=paths.index_columns,
         record=paths.dataset_record,
         validation=targets.validation_done(plan),
     output:
@@ -30,7 +29,6 @@ rule report:
         "vibraverse report "
         "--shards {input.shards:q} "
         "--index {input.index:q} "
-        "--refusals {input.refusals:q} "
         "--record {input.record:q} "
         "{params.validation} "
         "--page {output.page:q} "

@@ -70,7 +70,7 @@ def _export(chosen) -> None:
         with vibraverse.dataset.open(chosen.dataset, fields, chosen.look) as whole:
             conditions = _conditions(chosen.where)
             reader = whole.where(**conditions)
-            _check_values(chosen.dataset, whole.items, conditions)
+            _check_values(chosen.dataset, whole, conditions)
             reader = reader.with_sampled() if chosen.sampled else reader
             if not len(reader):
                 raise UsageError(
@@ -122,10 +122,10 @@ def _conditions(texts: list[str]) -> dict[str, list]:
     return found
 
 
-def _check_values(dataset: str, items: list[dict], conditions: dict[str, list]) -> None:
+def _check_values(dataset: str, reader, conditions: dict[str, list]) -> None:
     """Refuse a column of which no value occurs; of one where others do, say which is passed over."""
     for column, values in conditions.items():
-        there = list(dict.fromkeys(item[column] for item in items))
+        there = reader.items.values(column)
         absent = [value for value in values if value not in there]
         for value in absent:
             sentence = _absent(column, value, there)

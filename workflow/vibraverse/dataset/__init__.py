@@ -21,9 +21,9 @@ def open(path, fields=None, look: str = "clay") -> Reader:
     Returns a :class:`~vibraverse.dataset.read.reader.Reader`.
     ``fields`` names what a sample holds (see ``docs/dataset.md``; ``look`` chooses its pictures).
     """
-    from vibraverse.dataset.read.reader import DEFAULT_FIELDS, Reader, shards_at, splits_at
+    from vibraverse.dataset.read.reader import DEFAULT_FIELDS, Reader
 
-    return Reader(shards_at(path), fields or DEFAULT_FIELDS, look, splits_at(path))
+    return Reader.at(path, fields or DEFAULT_FIELDS, look)
 
 
 def fresh_materials(

@@ -219,7 +219,7 @@ STEPS = (
     ),
     Step(
         name="index",
-        version=6,
+        version=7,
         help="write the dataset's index, refusals and record",
         per=DATASET,
         family="dataset",
@@ -233,6 +233,9 @@ STEPS = (
         outputs={
             "index": Output(
                 "index", "dataset/index.tsv", "index.tsv: one row per object, solidity and material"
+            ),
+            "columns": Output(
+                "index_columns", "dataset/index.h5", "index.h5: the same rows by column, as readers open them"
             ),
             "parquet": Output("index_parquet", "dataset/index.parquet", "index.parquet: the same rows"),
             "splits": Output(
@@ -274,13 +277,12 @@ STEPS = (
     ),
     Step(
         name="report",
-        version=4,
+        version=5,
         help="write the page people open",
         per=DATASET,
         family="report",
         inputs={
-            "index": Input("index", "index.tsv"),
-            "refusals": Input("refusals", "refusals.tsv"),
+            "index": Input("index_columns", "index.h5"),
             "record": Input("dataset_record", "dataset.json"),
             "shards": Input("shard", "all shards (HDF5)", many=True),
             "validation": Input(

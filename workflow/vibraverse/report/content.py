@@ -44,7 +44,7 @@ class Card:
 def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
     """Return what to show of an object; its pictures and sounds are added to ``assets`` by file name."""
     group = reader.group(object_id)
-    items = [item for item in reader.items if item["object"] == object_id]
+    items = reader.where(object=object_id).items[:]
     facts = {name: group.attrs[name] for name in ("title", "category", "origin", "licence", "attribution")}
     facts["split"] = items[0]["split"]
     materials = list(dict.fromkeys(item["material"] for item in items))

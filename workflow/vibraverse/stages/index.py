@@ -1,4 +1,4 @@
-"""Indexing: what all shards hold, as three tables and one record; here every object gets its split."""
+"""Indexing: what all shards hold, as tables and one record; here every object gets its split."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ def run(job: Job) -> None:
     from vibraverse.dataset.read.reader import Reader
     from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS, SPLIT_COLUMNS
     from vibraverse.dataset.schema.tables import to_tsv
+    from vibraverse.dataset.write.columns import write_index
     from vibraverse.dataset.write.parquet import write_parquet
     from vibraverse.dataset.write.summary import summary
 
@@ -30,8 +31,10 @@ def run(job: Job) -> None:
         splits = _splits(job, reader)
         reader.place(splits.split)
         job.outputs["splits"].write_text(to_tsv(splits.rows(), SPLIT_COLUMNS), encoding="utf-8")
-        job.outputs["index"].write_text(to_tsv(reader.items, INDEX_COLUMNS), encoding="utf-8")
-        write_parquet(job.outputs["parquet"], reader.items, INDEX_COLUMNS)
+        with job.outputs["index"].open("w", encoding="utf-8") as file:
+            file.writelines(reader.index.items.tsv(INDEX_COLUMNS))
+        write_index(job.outputs["columns"], reader.index)
+        write_parquet(job.outputs["parquet"], reader.index.items, INDEX_COLUMNS)
         job.outputs["refusals"].write_text(to_tsv(reader.refusals, REFUSAL_COLUMNS), encoding="utf-8")
         found = {**summary(reader, job.options.splits), "copies": splits.summary()}
         attributions = [reader.group(name).attrs["attribution"] for name in reader.objects]
@@ -59,7 +62,7 @@ def run(job: Job) -> None:
 def _splits(job: Job, reader):
     """Return the split of every object, by the hash of its id and by its copies."""
     from vibraverse.contract.errors import UsageError
-    from vibraverse.dataset.read.reader import read_splits
+    from vibraverse.dataset.read.index import read_splits
     from vibraverse.dataset.split.assignment import assign
     from vibraverse.dataset.split.copies import fingerprints_of, groups
 
@@ -76,7 +79,8 @@ def _splits(job: Job, reader):
             raise UsageError(f"index: {job.inputs['kept']}: {unknown('split', name, options.splits)}")
     strata = None
     if options.stratify != "none":
-        strata = {item["object"]: item[options.stratify] for item in reader.items}
+        columns = (reader.items.column(name).tolist() for name in ("object", options.stratify))
+        strata = dict(zip(*columns, strict=True))
     return assign(groups(fingerprints_of(reader, reader.objects)), options.splits, strata, kept)
 
 

@@ -16,19 +16,20 @@ from vibraverse.contract.stage import Job
 
 def run(job: Job) -> None:
     """Write pictures and sounds, then the page."""
+    from vibraverse.contract.errors import UsageError
+    from vibraverse.dataset.read.index import read_index
     from vibraverse.dataset.read.reader import Reader
-    from vibraverse.dataset.schema import INDEX_COLUMNS, REFUSAL_COLUMNS
-    from vibraverse.dataset.schema.tables import from_tsv
     from vibraverse.dataset.write.summary import warnings
     from vibraverse.report import render
 
     record = products.read_json(job.inputs["record"])
-    index = from_tsv(job.inputs["index"].read_text(encoding="utf-8"), INDEX_COLUMNS)
-    refusals = from_tsv(job.inputs["refusals"].read_text(encoding="utf-8"), REFUSAL_COLUMNS)
-    with Reader(job.inputs["shards"]) as reader:
-        reader.items, reader.refusals = index, refusals
+    try:
+        index = read_index(job.inputs["index"], job.inputs["shards"])
+    except (OSError, ValueError) as error:
+        raise UsageError(f"report: {job.inputs['index']} is no index.h5 of a dataset: {error}.") from None
+    with Reader(index) as reader:
         cards, assets = render.gather(reader, job.options.max_objects)
-        warned = warnings(reader)
+        warned, refusals = warnings(reader), reader.refusals
     parent = job.final["page"].parent / "assets"
     folder = write_assets(parent, assets)
     job.afterwards.append(lambda: remove_others(parent, folder))

@@ -18,16 +18,17 @@ from vibraverse.contract.limits import run_limited
 from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import said
 from vibraverse.dataset.check.validator import DAMAGE
-from vibraverse.dataset.schema import INDEX_COLUMNS, NO_SHARD, REFUSAL_COLUMNS
-from vibraverse.dataset.schema.tables import to_tsv
+from vibraverse.dataset.read.index import TABLES as INDEXED
+from vibraverse.dataset.schema import ITEMS, NO_SHARD, REFUSALS
 from vibraverse.files.reading.document import parse
 from vibraverse.flow.chain import shards_in
 
 #: Limits of looking into one shard whose bytes are wrong: HDF5 may do anything with it.
 _SECONDS, _MEMORY_MB = 3600, 8000
-#: Names in a dataset's folder; tables come with the attribute of a reader that holds their rows, and their columns.
-RECORD, SUMS, SHARDS = "dataset.json", "SHA256SUMS", "shards/"
-TABLES = {"index.tsv": ("items", INDEX_COLUMNS), "refusals.tsv": ("refusals", REFUSAL_COLUMNS)}
+#: Names in a dataset's folder.
+RECORD, SUMS, SHARDS, INDEX = "dataset.json", "SHA256SUMS", "shards/", "index.h5"
+#: Tables in text, with their names in an index.
+TABLES = {"index.tsv": ITEMS, "refusals.tsv": REFUSALS}
 
 
 class Finding(NamedTuple):
@@ -97,7 +98,7 @@ def _file(path: Path, name: str, actual: str | None, said_by: dict, share: float
     inside = []
     if is_shard:
         inside = list(_shard(path / name, name, share, trusted=right))
-    elif not right and name in TABLES:
+    elif not right and name in (INDEX, *TABLES):
         inside = _table(path, name)
     yield from inside
     if not right and not inside:
@@ -170,17 +171,45 @@ def _inside(path: str, share: float) -> list[tuple[str, str]]:
 
 def _table(path: Path, name: str) -> list[Finding]:
     """Return the first line of a table that is not what the shards say, with its object; none if they cannot tell."""
-    from vibraverse.dataset.read.reader import Reader, splits_at
+    from vibraverse.dataset.read.index import of_shards, splits_at
 
     try:
-        with Reader(shards_in(path), splits=splits_at(path)) as reader:
-            rows = getattr(reader, TABLES[name][0])
-            expected = to_tsv(rows, TABLES[name][1]).splitlines()
+        index = of_shards(shards_in(path), splits_at(path))
     except DAMAGE:  # a broken shard has its own finding
         return []
+    if name == INDEX:
+        return _columns(path / name, index)
+    table, columns = index.tables[TABLES[name]], INDEXED[TABLES[name]]
     lines = (path / name).read_text(encoding="utf-8", errors="replace").splitlines()
+    expected = "".join(table.tsv(columns)).splitlines()
     for number, (line, right) in enumerate(itertools.zip_longest(lines, expected, fillvalue="")):
         if line != right:
-            object_id = rows[number - 1]["object"] if 0 < number <= len(rows) else ""
+            object_id = table.column("object").item(number - 1) if 0 < number <= len(table) else ""
             return [Finding(name, object_id, f"line {number + 1} is not what the shards say: {line!r}")]
+    return []
+
+
+def _columns(file: Path, index) -> list[Finding]:
+    """Return the first row of the index by column that is not what the shards say, with its object."""
+    limits = {"seconds": _SECONDS, "memory_mb": _MEMORY_MB}
+    try:
+        found = run_limited(_differences, file, index, **limits, what="reading it")
+    except Refused as refused:
+        found = [("", refused.message)]
+    return [Finding(file.name, *one) for one in found]
+
+
+def _differences(file: Path, index) -> list[tuple[str, str]]:
+    """Return what in an index by column differs from another index, as pairs of object and sentence."""
+    from vibraverse.dataset.read.index import read_index
+
+    try:
+        stored = read_index(file, index.shards)
+        for name, right in index.tables.items():
+            for number, rows in enumerate(itertools.zip_longest(stored.tables[name].rows(), right.rows())):
+                if rows[0] != rows[1]:
+                    object_id = (rows[1] or rows[0])["object"]
+                    return [(object_id, f"row {number + 1} of {name} is not what the shards say: {rows[0]}")]
+    except DAMAGE as error:
+        return [("", f"it cannot be read ({said(error)})")]
     return []

@@ -129,7 +129,7 @@ def licences(record: dict, options) -> list[str]:
 def export_card(reader: Reader, kind: str, folder: Path, files: Iterable[Path]) -> str:
     """Return the README of an export, with the header from which ``datasets.load_dataset(folder)`` finds the splits."""
     names = [path.relative_to(folder).as_posix() for path in files]
-    splits = dict.fromkeys(item["split"] or "all" for item in reader.items)
+    splits = [split or "all" for split in reader.items.column("split").present()]
     tables = [name for name in names if name.startswith("data/")]
     lines = []
     if tables:
@@ -143,7 +143,7 @@ def export_card(reader: Reader, kind: str, folder: Path, files: Iterable[Path]) 
         if kind == "huggingface"
         else "webdataset.WebDataset(files).decode(): json, arrays as npy, the sound as wav, pictures as png."
     )
-    found = sorted({item["licence"] for item in reader.items})
+    found = sorted(reader.items.column("licence").present())
     lines += [
         "# Exported from a VibraVerse dataset", "",
         f"{len(reader):,} items of {len(reader.objects):,} objects. {how}", "",

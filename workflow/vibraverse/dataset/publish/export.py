@@ -15,6 +15,7 @@ import numpy as np
 
 from vibraverse.contract.products import sha256, whole
 from vibraverse.dataset import schema
+from vibraverse.dataset.read.items import Items
 from vibraverse.dataset.read.reader import DEFAULT_FIELDS, Reader
 
 #: What an export holds unless asked otherwise.
@@ -29,12 +30,12 @@ class CannotExport(ValueError):
     """A field or a table that the form asked for cannot hold; one sentence."""
 
 
-def by_split(reader: Reader) -> dict[str, list[dict]]:
-    """Return the items of each split, in the order of the index."""
-    found: dict[str, list[dict]] = {}
-    for item in reader.items:
-        found.setdefault(item["split"] or "all", []).append(item)
-    return found
+def by_split(reader: Reader) -> dict[str, Items]:
+    """Return the items of each split, in the order of the index; those of a shard alone, as ``all``."""
+    column = reader.items.column("split")
+    return {
+        split or "all": reader.items.part(np.flatnonzero(column.among({split}))) for split in column.present()
+    }
 
 
 def webdataset(

@@ -15,8 +15,10 @@ from pathlib import Path
 from vibraverse.config.dataset import Dataset
 from vibraverse.contract import products
 from vibraverse.dataset import schema
-from vibraverse.dataset.read.reader import Reader, shards_at, splits_at
+from vibraverse.dataset.read.index import shards_at, splits_at
+from vibraverse.dataset.read.reader import Reader
 from vibraverse.dataset.schema import SPLIT_COLUMNS
+from vibraverse.dataset.schema.columns import Table, Texts, joined
 from vibraverse.dataset.schema.tables import to_tsv
 from vibraverse.dataset.split.assignment import Splits, assign
 from vibraverse.dataset.split.copies import fingerprints_of, groups
@@ -45,20 +47,20 @@ def join_datasets(folders: Sequence[Path], out: Path) -> int:
     if out.exists() and not _is_view(out):
         raise ValueError(f"{out} is there and no view of datasets; name a new file")
     view = _View(out)
+    splits = {folder: splits_at(folder) for folder in folders}
     for folder, shard in shards:
-        with Reader([shard], splits=splits_at(folder)) as reader, h5py.File(shard) as h5:
+        with Reader([shard], splits=splits[folder]) as reader, h5py.File(shard) as h5:
             view.add(folder, shard, reader, h5)
     with products.whole(out) as partial, products.hdf5(partial) as h5:
         groups = h5.create_group("objects")
         for object_id, place in sorted(view.links.items()):
             groups[object_id] = h5py.ExternalLink(place, f"/objects/{object_id}")
         h5.attrs["format"], h5.attrs["format_version"] = schema.FORMAT, schema.FORMAT_VERSION
-        for name, rows, columns in (
-            (schema.INDEX, view.rows, schema.SHARD_COLUMNS),
-            (schema.REFUSALS, view.refusals, schema.REFUSAL_COLUMNS),
-            (schema.SPLITS, view.splits().rows(), SPLIT_COLUMNS),
-        ):
-            h5.create_dataset(name, data=to_tsv(sorted(rows, key=lambda row: row["object"]), columns))
+        rows = joined(view.rows, schema.SHARD_COLUMNS).sorted_by("object")
+        refusals = sorted(view.refusals, key=lambda row: row["object"])
+        h5.create_dataset(schema.INDEX, data="".join(rows.tsv(schema.SHARD_COLUMNS)))
+        h5.create_dataset(schema.REFUSALS, data=to_tsv(refusals, schema.REFUSAL_COLUMNS))
+        h5.create_dataset(schema.SPLITS, data=to_tsv(view.splits().rows(), SPLIT_COLUMNS))
         h5.create_dataset(schema.MAKING, data=json.dumps(join(view.makings), ensure_ascii=False))
     return len(view.links)
 
@@ -80,7 +82,7 @@ class _View:
         self._made: dict[str, tuple[dict, Path]] = {}
         self._content: dict[str, tuple[str, Path]] = {}
         self.links: dict[str, str] = {}
-        self.rows: list[dict] = []
+        self.rows: list[Table] = []
         self.refusals: list[dict] = []
         self.makings: list[dict] = []
         self._kept: dict[str, str] = {}
@@ -107,10 +109,13 @@ class _View:
             if object_id not in self.links:
                 self.links[object_id] = place
                 fresh.add(object_id)
-        kept = {row["object"]: row["split"] for row in reader.items if row["object"] in fresh}
+        table = reader.index.items
+        table = table.take(table.column("object").among(fresh))
+        kept = dict(zip(table.column("object").tolist(), table.column("split").tolist(), strict=True))
         self._kept |= {object_id: split for object_id, split in kept.items() if split}
         self._fingerprints |= fingerprints_of(reader, kept)
-        self.rows += [{**row, "shard": place} for row in reader.items if row["object"] in fresh]
+        here = Texts.of([place] * len(table))
+        self.rows.append(table.with_columns(schema.SHARD_COLUMNS, shard=here))
         self.refusals += [row for row in reader.refusals if row["object"] in fresh]
 
     def _compare(self, making: dict, folder: Path) -> None:

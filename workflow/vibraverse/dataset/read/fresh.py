@@ -15,6 +15,7 @@ from vibraverse.config.physics import Sampled
 from vibraverse.contract.seeds import rng
 from vibraverse.contract.texts import unknown
 from vibraverse.dataset import schema
+from vibraverse.dataset.read.items import Items
 from vibraverse.dataset.read.reader import Reader
 from vibraverse.files.basis import read_basis
 from vibraverse.geometry import LONGEST_SIDE
@@ -51,10 +52,8 @@ class FreshItems:
         seed: int = 0,
         bases: int = 64,
     ):
-        self.reader, self.size_m, self.seed, self.epoch = reader, size_m, seed, 0
+        self.reader, self.size_m, self.seed, self.epoch = reader.part(_bodies(reader)), size_m, seed, 0
         self.ranges = Sampled(**(ranges or {})).ranges()
-        firsts = {(item["object"], item["solidity"]): item for item in reversed(reader.items)}
-        self.items = sorted(firsts.values(), key=lambda item: (item["object"], item["solidity"] == "hollow"))
         for name in reader.fields:
             path = schema.BY_NAME[name].path
             if name not in COMPUTED and ("{material}" in path or "{sound}" in path):
@@ -66,11 +65,16 @@ class FreshItems:
         self._kept = bases
 
     def __len__(self) -> int:
-        return len(self.items)
+        return len(self.reader)
+
+    @property
+    def items(self) -> Items:
+        """One row of the index for each body: that of its first item."""
+        return self.reader.items
 
     def __getitem__(self, index: int) -> dict:
-        item = self.items[index]
-        place = {name: item[name] for name in ("object", "solidity")}
+        place = self.items.place(index)
+        del place["material"]
         values = self._computed(**place)
         fields = {
             name: values[name] if name in COMPUTED else self.reader.read(name, **place)
@@ -119,6 +123,13 @@ class FreshItems:
                 self._bases.popitem(last=False)
         self._bases.move_to_end(key)
         return self._bases[key]
+
+
+def _bodies(reader: Reader) -> np.ndarray:
+    """Return the positions of each body's first item: by object, the solid body first."""
+    firsts = reader.items.firsts("object", "solidity")
+    objects, solidities = (reader.items.column(name)[firsts] for name in ("object", "solidity"))
+    return firsts[np.lexsort((solidities.among({"hollow"}), objects.ranks()))]
 
 
 def _corrected(reader: Reader) -> bool:

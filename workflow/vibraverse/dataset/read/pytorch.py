@@ -16,6 +16,8 @@ class TorchDataset(torch.utils.data.Dataset):
 
     def __init__(self, items, transform=None):
         items.close()  # nothing open is carried into the workers
+        if len(items):
+            items.items.place(0)  # reads what of the index a worker asks for: forked ones share it
         self.items = items
         self.transform = transform
         # Shared, because workers that live on from epoch to epoch keep their own copy of everything else.

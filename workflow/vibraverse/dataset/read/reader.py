@@ -1,6 +1,7 @@
 """Reading a dataset with NumPy alone.
 
-Handles open late and in each process anew, so a reader may be handed to data-loader workers: each opens its own.
+Handles open late and in each process anew, so a reader may be handed to data-loader workers: each opens its own, and
+the index with it. A reader is pickled as the dataset's path and the numbers of its rows.
 """
 
 from __future__ import annotations
@@ -13,13 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from vibraverse.contract.readable import unreadable
 from vibraverse.contract.texts import unknown
 from vibraverse.dataset import schema
-from vibraverse.dataset.read.sampled import read_sampled, rows_of
+from vibraverse.dataset.read.index import Index, index_at, of_shards
+from vibraverse.dataset.read.items import Items
+from vibraverse.dataset.read.sampled import own_of, read_sampled
 from vibraverse.dataset.read.shapes import Shapes
-from vibraverse.dataset.schema import SPLIT_COLUMNS
-from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.physics.materials import sampled_number
 
 #: What a sample holds unless asked otherwise: what every task needs, small, and of one shape for all bodies.
@@ -32,60 +32,68 @@ _MOST_OPEN = 64
 class Reader:
     """A dataset, or a part of it.
 
-    ``shards`` are the HDF5 files. ``len(reader)`` counts its items, one per object, solidity and material, and
-    ``reader.items[i]`` is the row of the index; ``splits`` says in which split each object is. :meth:`sample` reads
-    the chosen ``fields`` of an item, :meth:`read` one field of any object, :meth:`where` narrows the items and
-    :meth:`with_sampled` adds the sampled materials.
+    ``index`` is its :class:`~vibraverse.dataset.read.index.Index`, or its shards (HDF5 files). ``len(reader)`` counts
+    its items, one per object, solidity and material, ``reader.items[i]`` is a row of the index, and
+    ``reader.items.column(name)`` one column of all. :meth:`sample` reads the chosen ``fields`` of an item,
+    :meth:`read` one field of any object, :meth:`where` narrows the items and :meth:`with_sampled` adds the sampled
+    materials.
     """
 
     def __init__(
         self,
-        shards: Iterable[str | Path],
+        index: Index | Iterable[str | Path],
         fields: Sequence[str] = DEFAULT_FIELDS,
         look: str = "clay",
         splits: dict[str, str] | None = None,
     ):
-        self.shards = {Path(path).name: Path(path) for path in shards}
-        self.fields = tuple(fields)
-        self.look = look
-        for name in self.fields:
+        fields = tuple(fields)
+        for name in fields:
             _field(name)
+        index = index if isinstance(index, Index) else of_shards(index, splits)
+        self._set(index, fields, look, None, None)
+
+    @classmethod
+    def at(cls, path: str | Path, fields: Sequence[str] = DEFAULT_FIELDS, look: str = "clay") -> Reader:
+        """Open a dataset's folder, a shard or a view; raises :class:`FileNotFoundError` when it is none."""
+        return cls(index_at(path), fields, look)
+
+    def _set(self, index: Index, fields: tuple[str, ...], look: str, rows, samples) -> None:
+        self.index, self.fields, self.look = index, fields, look
+        self.items = Items(index.items, self._own, rows, samples)
         self._handles: dict[str, object] = {}
         self._shapes = Shapes()
+        self._last: tuple = (None, None)
         self._process = os.getpid()
-        self.items: list[dict] = []
-        self.refusals: list[dict] = []
-        self._shard_of: dict[str, str] = {}
-        for name in self.shards:
-            self._read_tables(name)
-        self.items.sort(key=lambda row: row["object"])
-        self.place(splits or {})
-        self.refusals.sort(key=lambda row: row["object"])
 
-    def _read_tables(self, shard: str) -> None:
-        import h5py
+    def __getstate__(self) -> tuple:
+        return self.index, self.fields, self.look, self.items.rows, self.items.samples
 
-        with h5py.File(self.shards[shard]) as h5:
-            strange = schema.strange(h5)
-            if strange:
-                raise ValueError(f"{self.shards[shard]}: {strange}")
-            self.items += from_tsv(h5[schema.INDEX].asstr()[()], schema.SHARD_COLUMNS)
-            self.refusals += from_tsv(h5[schema.REFUSALS].asstr()[()], schema.REFUSAL_COLUMNS)
-            self._shard_of.update(dict.fromkeys(h5["objects"], shard))
+    def __setstate__(self, state: tuple) -> None:
+        self._set(*state)
 
     def __len__(self) -> int:
         return len(self.items)
 
     def __getitem__(self, index: int) -> dict:
-        return self.sample(self.items[index])
+        return self.sample(self.items.place(index))
 
     def __iter__(self):
-        return (self.sample(item) for item in self.items)
+        return (self[number] for number in range(len(self)))
+
+    @property
+    def shards(self) -> dict[str, Path]:
+        """The paths of the shards by their names."""
+        return self.index.shards
+
+    @property
+    def refusals(self) -> list[dict]:
+        """The rows of the refusals, sorted by object."""
+        return self.index.refusals
 
     @property
     def objects(self) -> list[str]:
         """Ids of the objects among the items, each once, sorted."""
-        return list(dict.fromkeys(item["object"] for item in self.items))
+        return self.items.column("object").present()
 
     def where(self, **conditions) -> Reader:
         """Return a reader of the items whose columns have the given values (a value, or a collection of them).
@@ -95,44 +103,37 @@ class Reader:
         for name in conditions:
             if name not in schema.INDEX_COLUMNS:
                 raise KeyError(unknown("column", name, schema.INDEX_COLUMNS))
-        if "split" in conditions and not all(row["split"] for row in self.items):
+        if "split" in conditions and "" in self.items.column("split").present():
             raise KeyError(
                 "a shard alone knows no splits, which depend on all objects: open the dataset's folder"
             )
-        allowed = {
-            name: {value} if isinstance(value, (str, int, float)) else set(value)
-            for name, value in conditions.items()
-        }
-        return self._part([row for row in self.items if all(row[name] in allowed[name] for name in allowed)])
+        return self._part(self.items.where(conditions))
 
-    def _part(self, items: list[dict]) -> Reader:
-        """Return a reader of the same shards with other items."""
+    def part(self, positions: np.ndarray) -> Reader:
+        """Return a reader of the items at these positions."""
+        return self._part(self.items.part(positions))
+
+    def with_sampled(self) -> Reader:
+        """Return a reader whose items are the named ones and, after those of each body, its sampled materials."""
+        return self._part(self.items.with_sampled())
+
+    def _part(self, items: Items) -> Reader:
+        """Return a reader of the same shards, with the same handles, and other items."""
         part = object.__new__(Reader)
         part.__dict__.update(self.__dict__)
-        part.items = items
+        part.items = Items(self.index.items, part._own, items.rows, items.samples)
         return part
 
     def place(self, splits: dict[str, str]) -> None:
         """Say in which split each object is: "" where ``splits`` does not."""
-        self.items = [
-            {
-                name: splits.get(row["object"], "") if name == "split" else row[name]
-                for name in schema.INDEX_COLUMNS
-            }
-            for row in self.items
-        ]
+        self.index = self.index.placed(splits)
+        self.items = Items(self.index.items, self._own, self.items.rows, self.items.samples)
 
-    def with_sampled(self) -> Reader:
-        """Return a reader whose items are these and, after those of each body, its sampled materials."""
-        bodies: dict[tuple, list[dict]] = {}
-        for row in self.items:
-            bodies.setdefault((row["object"], row["solidity"]), []).append(row)
-        items = []
-        for (object_id, solidity), rows in bodies.items():
-            items += rows
-            if rows[0]["sampled"]:
-                items += rows_of(self.group(object_id)[solidity], rows[0])
-        return self._part(items)
+    def _own(self, object: str, solidity: str) -> dict[str, np.ndarray]:
+        """Return the sampled materials' own columns of a body; those of the last body are kept."""
+        if self._last[0] != (object, solidity):
+            self._last = (object, solidity), own_of(self.group(object)[solidity])
+        return self._last[1]
 
     def sample(self, item: dict) -> dict:
         """Return the chosen fields of an item, under their names, with ``object``, ``solidity`` and ``material``."""
@@ -193,14 +194,15 @@ class Reader:
 
     def group(self, object: str):
         """Return the HDF5 group of an object, to look at anything in it. Raises :class:`KeyError` if unknown."""
-        if object not in self._shard_of:
-            raise KeyError(unknown("object", object, self._shard_of))
-        groups = self._open(self._shard_of[object])["objects"]
+        shard = self.index.shard_of.get(object)
+        if shard is None:
+            raise KeyError(unknown("object", object, self.index.shard_of))
+        groups = self._open(shard)["objects"]
         try:
             return groups[object]
         except KeyError:  # of a view (`vibraverse join`) whose dataset was moved
             raise FileNotFoundError(
-                f"{self.shards[self._shard_of[object]]} links to {groups.get(object, getlink=True).filename}, which is "
+                f"{self.shards[shard]} links to {groups.get(object, getlink=True).filename}, which is "
                 "not there; join the datasets again"
             ) from None
 
@@ -208,31 +210,18 @@ class Reader:
         """Return how each shard was made: per stage its version, libraries and options."""
         return [json.loads(self._open(name)[schema.MAKING].asstr()[()]) for name in self.shards]
 
-    def problems(self) -> list[str]:
-        """Return what in the shards is not as the schema says, one sentence each; ``vibraverse check`` asks more."""
-        from vibraverse.dataset.check.validator import problems
-
-        return [
-            f"{name}: {object_id + ': ' if object_id else ''}{sentence}"
-            for name in self.shards
-            for object_id, sentence in problems(self._open(name))
-        ]
-
     def close(self) -> None:
         """Close the files of this process; the next access opens them again."""
         for handle in self._handles.values() if self._process == os.getpid() else ():
             handle.close()
         self._handles.clear()
-        self._shapes = Shapes()
+        self._shapes, self._last = Shapes(), (None, None)
 
     def __enter__(self) -> Reader:
         return self
 
     def __exit__(self, *_) -> None:
         self.close()
-
-    def __getstate__(self) -> dict:
-        return {**self.__dict__, "_handles": {}, "_shapes": Shapes()}
 
     def _open(self, shard: str):
         import h5py
@@ -245,47 +234,6 @@ class Reader:
             # Not closed but let go: HDF5 closes a file when nothing of it is in use any more.
             del self._handles[next(iter(self._handles))]
         return handle
-
-
-def shards_at(path: str | Path) -> list[Path]:
-    """Return the shards a path means: a shard itself, or those a dataset's folder lists in ``dataset.json``.
-
-    Raises :class:`FileNotFoundError` when there is no dataset.
-    """
-    path = Path(path)
-    if path.is_file():
-        return [path]
-    record = path / "dataset.json"
-    if not path.exists():
-        raise FileNotFoundError(f"{path} does not exist; name a dataset's folder, or a shard")
-    if wrong := unreadable(record):
-        raise FileNotFoundError(f"{path} holds no finished dataset: {record} {wrong}")
-    return [path / "shards" / name for name in json.loads(record.read_text(encoding="utf-8"))["shards"]]
-
-
-def splits_at(path: str | Path) -> dict[str, str]:
-    """Return the split of every object, as ``splits.tsv`` in a dataset's folder says it; for a shard, in its own.
-
-    A view of several datasets holds its splits. Empty where there are none.
-    """
-    path = Path(path)
-    if path.is_file():
-        import h5py
-
-        with h5py.File(path) as h5:
-            if schema.SPLITS in h5:
-                return _splits_in(h5[schema.SPLITS].asstr()[()])
-    table = (path.parent.parent if path.is_file() else path) / "splits.tsv"
-    return read_splits(table) if table.is_file() else {}
-
-
-def read_splits(table: str | Path) -> dict[str, str]:
-    """Return the split of every object from a ``splits.tsv``."""
-    return _splits_in(Path(table).read_text(encoding="utf-8"))
-
-
-def _splits_in(text: str) -> dict[str, str]:
-    return {row["object"]: row["split"] for row in from_tsv(text, SPLIT_COLUMNS)}
 
 
 def _field(name: str) -> schema.Field:

@@ -11,6 +11,9 @@ import numpy as np
 from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.materials import sampled_name
 
+#: Columns of the index in which the sampled materials of a body differ, besides their names.
+OWN = ("mass_kg", "f1_hz", "f_last_hz", "duration_s")
+
 
 def read_sampled(body, name: str, number: int):
     """Return what a field of a material is for a sampled one: a number or an array (m,).
@@ -27,14 +30,14 @@ def read_sampled(body, name: str, number: int):
     return rows[name][number]
 
 
-def rows_of(body, row: dict) -> list[dict]:
-    """Return the rows that the sampled materials of a body would have in the index; ``row`` is one of the body's."""
-    sounds = body["sounds"]
-    frequencies, mass = body["sampled/frequencies_hz"][()], body["sampled/mass_kg"][()]
-    found = []
-    for number, (hz, mass_kg) in enumerate(zip(frequencies, mass, strict=True)):
-        name = sampled_name(number)
-        duration_s = float(sounds[name].attrs["duration_s"]) if name in sounds else 0.0
-        own = {"material": name, "mass_kg": float(mass_kg), "duration_s": duration_s}
-        found.append({**row, **own, "f1_hz": float(hz[0]), "f_last_hz": float(hz[-1])})
-    return found
+def own_of(body) -> dict[str, np.ndarray]:
+    """Return what the index would say of the sampled materials of a body, a column (n,) for each of :data:`OWN`."""
+    sounds, frequencies = body["sounds"], body["sampled/frequencies_hz"][()]
+    names = map(sampled_name, range(len(frequencies)))
+    durations = [float(sounds[name].attrs["duration_s"]) if name in sounds else 0.0 for name in names]
+    return {
+        "mass_kg": body["sampled/mass_kg"][()],
+        "f1_hz": frequencies[:, 0],
+        "f_last_hz": frequencies[:, -1],
+        "duration_s": np.array(durations),
+    }

@@ -16,11 +16,16 @@ from vibraverse.dataset.schema.ranges import RANGES
 FORMAT = "vibraverse-shard"
 FORMAT_VERSION = 3
 
+#: Identifies the index by column, ``index.h5``, which follows the same version.
+INDEX_FORMAT = "vibraverse-index"
+
 #: How the sentence begins that says of a file that it is none.
 NO_SHARD = "this is not a shard"
 
 #: Texts at the root of a shard: its rows of the index and of the refusals (tab-separated), how it was made (JSON).
 INDEX, REFUSALS, MAKING = "index", "refusals", "making"
+#: Groups of the index by column: its rows, and the shard of every object, those that were refused included.
+ITEMS, OBJECTS = "items", "objects"
 #: And the splits, in a view of several datasets only: a shard does not know them.
 SPLITS = "splits"
 
@@ -58,6 +63,12 @@ INDEX_COLUMNS: dict[str, tuple[type, str]] = {
 
 #: What a shard knows of these: all but the split, which may depend on objects in other shards.
 SHARD_COLUMNS = {name: column for name, column in INDEX_COLUMNS.items() if name != "split"}
+
+#: Columns of the table that says where an object's group stands: type and meaning.
+OBJECT_COLUMNS: dict[str, tuple[type, str]] = {
+    "object": (str, "the object's id"),
+    "shard": (str, "file in `shards/`"),
+}
 
 #: Columns of ``splits.tsv``, one row per object: type and meaning.
 SPLIT_COLUMNS: dict[str, tuple[type, str]] = {

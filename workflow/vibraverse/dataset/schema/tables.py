@@ -7,22 +7,20 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Iterable, Iterator
 
 from vibraverse.contract.texts import storable
 
 Columns = dict[str, tuple[type, str]]
 
 
-def to_tsv(rows: list[dict], columns: Columns) -> str:
+def to_tsv(rows: Iterable[dict], columns: Columns) -> str:
     """Return a header and one line per row; white space inside a text becomes one blank.
 
     Numbers keep every digit: what :func:`from_tsv` reads is what was written.
     """
-    text = io.StringIO()
-    table = csv.writer(text, delimiter="\t", lineterminator="\n")
-    table.writerow(columns)
-    table.writerows([_cell(row[name], kind) for name, (kind, _) in columns.items()] for row in rows)
-    return text.getvalue()
+    cells = ([_cell(row[name], kind) for name, (kind, _) in columns.items()] for row in rows)
+    return lines_of([columns, *cells])
 
 
 def from_tsv(text: str, columns: Columns) -> list[dict]:
@@ -30,14 +28,35 @@ def from_tsv(text: str, columns: Columns) -> list[dict]:
 
     Raises :class:`ValueError` when the header is not the columns', or the rest is no such table.
     """
+    kinds = [kind for kind, _ in columns.values()]
+    return [
+        {name: kind(cell) for name, kind, cell in zip(columns, kinds, row, strict=True)}
+        for row in read_cells(text, columns)
+    ]
+
+
+def lines_of(rows: Iterable[Iterable[str]]) -> str:
+    """Return rows of cells as lines."""
+    text = io.StringIO()
+    csv.writer(text, delimiter="\t", lineterminator="\n").writerows(rows)
+    return text.getvalue()
+
+
+def to_cells(values: Iterable, kind: type) -> list[str]:
+    """Return the values of one column as cells."""
+    return [_cell(value, kind) for value in values]
+
+
+def read_cells(text: str, columns: Columns) -> Iterator[list[str]]:
+    """Yield the cells of each row of a table, after its header; raises as :func:`from_tsv`."""
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter="\t")
     try:
-        header, *rows = csv.reader(io.StringIO(text, newline=""), delimiter="\t")
+        header = next(lines, [])
+        if header != list(columns):
+            raise ValueError(f"the table's columns are {header}, not {list(columns)}")
+        yield from lines
     except csv.Error as error:
         raise ValueError(f"it is no table ({error})") from None
-    if header != list(columns):
-        raise ValueError(f"the table's columns are {header}, not {list(columns)}")
-    kinds = [kind for kind, _ in columns.values()]
-    return [{name: kind(cell) for name, kind, cell in zip(columns, kinds, row, strict=True)} for row in rows]
 
 
 def _cell(value, kind: type) -> str:

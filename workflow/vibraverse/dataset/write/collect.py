@@ -1,7 +1,8 @@
 """One object's products as fields of the dataset.
 
-Everything comes as pairs of a filled-in path of :mod:`vibraverse.dataset.schema` and its value, one at a time, so
-that a shard of any size is written with the memory of its largest array.
+Everything comes as pairs of a filled-in path of :mod:`vibraverse.dataset.schema` and its value. A product is read
+whole and closed before the first of its values is handed out, so a shard of any size is written with the memory of its
+largest product. The order matters: HDF5 crashes when it closes one file after another could not be written.
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ def object_fields(paths: Paths, object_id: str, looks) -> Pairs:
     yield "shape/moments", scale_free_moments(*surface.values())
     yield from _surface("coarse", at(paths.coarse))
     with h5py.File(at(paths.grids)) as grids:
-        for name in ("occupancy", "signed_distance"):
-            yield f"grids/{name}", grids[name][()]
+        arrays = [(f"grids/{name}", grids[name][()]) for name in ("occupancy", "signed_distance")]
+    yield from arrays
 
     views = products.read_json(at(paths.images_record))["views"]
     for angle in ("azimuth_deg", "elevation_deg"):
@@ -69,19 +70,13 @@ def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs
     yield f"{solidity}/tets/cells", cells
 
     with h5py.File(at(paths.basis)) as basis:
-        yield from _everything(basis, f"{solidity}/basis")
+        found = list(_everything(basis, f"{solidity}/basis"))
         if solidity == "solid":
-            yield "shape/spectrum", scale_free_spectrum(read_basis(basis, surface=False))
-
+            found.append(("shape/spectrum", scale_free_spectrum(read_basis(basis, surface=False))))
+    yield from found
     with h5py.File(at(paths.modes)) as modes:
-        for key in ("size_m", "size_origin", "scale_m", "volume_m3"):
-            yield f"{solidity}@{key}", modes.attrs[key]
-        for name in materials:
-            material, place = modes["materials"][name], f"{solidity}/materials/{name}"
-            yield from ((f"{place}@{key}", value) for key, value in material.attrs.items())
-            yield from ((f"{place}/{key}", array[()]) for key, array in material.items())
-        for key, array in modes["sampled"].items() if "sampled" in modes else ():
-            yield f"{solidity}/sampled/{key}", array[()]
+        found = list(_modes(modes, solidity, materials))
+    yield from found
 
     audio = products.read_json(at(paths.audio_record))
     yield f"{solidity}/audio", _text(audio)
@@ -105,6 +100,17 @@ def _surface(place: str, path: Path) -> Pairs:
         vertices, faces = mesh.vertices, mesh.faces
     yield f"{place}/vertices", vertices
     yield f"{place}/faces", faces
+
+
+def _modes(modes, solidity: str, materials) -> Pairs:
+    for key in ("size_m", "size_origin", "scale_m", "volume_m3"):
+        yield f"{solidity}@{key}", modes.attrs[key]
+    for name in materials:
+        material, place = modes["materials"][name], f"{solidity}/materials/{name}"
+        yield from ((f"{place}@{key}", value) for key, value in material.attrs.items())
+        yield from ((f"{place}/{key}", array[()]) for key, array in material.items())
+    for key, array in modes["sampled"].items() if "sampled" in modes else ():
+        yield f"{solidity}/sampled/{key}", array[()]
 
 
 def _everything(h5, place: str) -> Pairs:

@@ -95,10 +95,10 @@ def _write_refusal(group, place: str, refusal: Refusal | None) -> None:
 def write_fields(group, pairs) -> None:
     """Write pairs of a filled-in path and a value into an object's group.
 
-    All are read before the first is written: HDF5 crashes when it closes one file while another could not be written.
-    Raises :class:`KeyError` for a path that is not in the schema.
+    Pairs are written one by one, so their source must hold no HDF5 file open when it yields one: HDF5 crashes when it
+    closes a file after another could not be written. Raises :class:`KeyError` for a path that is not in the schema.
     """
-    for path, value in list(pairs):
+    for path, value in pairs:
         write_field(group, path, value)
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 
+import numpy as np
+
 from vibraverse.dataset.read.reader import Reader
 from vibraverse.dataset.write.making import join
 from vibraverse.geometry.cleaning.cautions import cautions as of_surface
@@ -26,16 +28,17 @@ def summary(reader: Reader, asked: dict[str, float]) -> dict:
     hold objects and holds none it is said that it holds 0.
     """
     items, refusals = reader.items, reader.refusals
-    bodies = {(item["object"], item["solidity"]) for item in items}
+    firsts = items.firsts("object", "solidity")
+    bodies = _bodies(reader)
     sounds = [name for object_id, solidity in bodies for name in reader.group(object_id)[solidity]["sounds"]]
     kept = set(reader.objects)
     gone = {row["object"] for row in refusals} - kept
-    splits = Counter({item["object"]: item["split"] for item in items}.values())
-    splits.update({name: 0 for name, share in asked.items() if share > 0})
-    origins, licences, categories = (
-        Counter({item["object"]: item[column] for item in items}.values())
-        for column in ("origin", "licence", "category")
+    of_objects = items.firsts("object")
+    splits, origins, licences, categories = (
+        Counter(items.column(column)[of_objects].tolist())
+        for column in ("split", "origin", "licence", "category")
     )
+    splits.update({name: 0 for name, share in asked.items() if share > 0})
     return {
         "counts": {
             "objects": len(kept),
@@ -45,7 +48,7 @@ def summary(reader: Reader, asked: dict[str, float]) -> dict:
             "sounds": len(sounds),
             "sampled_sounds": sum(sampled_number(name) is not None for name in sounds),
             "items": len(items),
-            "sampled": sum({(item["object"], item["solidity"]): item["sampled"] for item in items}.values()),
+            "sampled": int(items.column("sampled")[firsts].sum()),
         },
         "objects_by_split": dict(sorted(splits.items())),
         "objects_by_origin": dict(sorted(origins.items())),
@@ -54,7 +57,7 @@ def summary(reader: Reader, asked: dict[str, float]) -> dict:
         "refusals_by_reason": dict(sorted(Counter(row["reason"] for row in refusals).items())),
         "warnings_by_kind": dict(sorted(Counter(row["kind"] for row in warnings(reader)).items())),
         "materials": _materials(reader),
-        "ranges": {name: _range([item[name] for item in items]) for name in _RANGES if items},
+        "ranges": {name: _range(items.column(name)) for name in _RANGES if len(items)},
         "made_by": join(reader.making()),
     }
 
@@ -67,7 +70,7 @@ def warnings(reader: Reader) -> list[dict[str, str]]:
             {"object": object_id, "solidity": "", "kind": "changed_shape", "message": message}
             for message in of_surface(reader.read("clean", object_id))
         ]
-    for object_id, solidity in dict.fromkeys((item["object"], item["solidity"]) for item in reader.items):
+    for object_id, solidity in _bodies(reader):
         materials = reader.group(object_id)[solidity]["materials"].values()
         said = {
             "many_elements": reader.read("tets", object_id, solidity)["warnings"],
@@ -81,14 +84,20 @@ def warnings(reader: Reader) -> list[dict[str, str]]:
     return found
 
 
+def _bodies(reader: Reader) -> list[tuple[str, str]]:
+    """Return object and solidity of every body, in the order of the items."""
+    firsts = reader.items.firsts("object", "solidity")
+    columns = (reader.items.column(name)[firsts].tolist() for name in ("object", "solidity"))
+    return list(zip(*columns, strict=True))
+
+
 def _materials(reader: Reader) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
-    for item in reader.items:
-        if item["material"] not in found:
-            place = {name: item[name] for name in ("object", "solidity", "material")}
-            found[item["material"]] = {key: float(reader.read(key, **place)) for key in PARAMETERS}
+    for position in reader.items.firsts("material").tolist():
+        place = reader.items.place(position)
+        found[place["material"]] = {key: float(reader.read(key, **place)) for key in PARAMETERS}
     return found
 
 
-def _range(values: list) -> dict:
-    return {"min": min(values), "max": max(values)}
+def _range(values: np.ndarray) -> dict:
+    return {"min": values.min().item(), "max": values.max().item()}
