@@ -19,12 +19,9 @@ import make_products
 import vibraverse.dataset
 from vibraverse.contract import products
 from vibraverse.contract.errors import Refused
-from vibraverse.contract.refusal import Refusal, read_refusal
+from vibraverse.contract.refusal import read_refusal
 from vibraverse.dataset import schema
 from vibraverse.dataset.check import validator
-from vibraverse.dataset.write import making
-from vibraverse.flow import chain
-from vibraverse.flow.paths import Paths
 from vibraverse.physics.materials import MATERIALS
 
 
@@ -372,36 +369,6 @@ def test_control_characters_of_files_reach_no_shard(tmp_path):
         assert reader.read("attribution", "bar-0000") == "one\ntwo [2J"
         assert reader.refusals[0]["message"] == "v 0"
     assert str(said) == "line 1: 'v  0' Look at it."
-
-
-def test_making_keeps_what_agrees():
-    def one(seed, version="1"):
-        return {
-            "tets": {
-                "stage_version": 1,
-                "options": {"target": 6000, "seed": seed},
-                "libraries": {"gmsh": version},
-            }
-        }
-
-    joined = making.join([one(1), one(2), one(3, "2")])
-    assert joined["tets"]["options"] == {"target": 6000, "seed": making.VARIES}
-    assert joined["tets"]["libraries"] == {"gmsh": making.VARIES}
-    assert making.join([making.join([one(1), one(2)]), one(3, "2")]) == joined
-
-
-def test_the_first_refusal_of_the_chain_counts(tmp_path):
-    paths = Paths(tmp_path)
-    for product, stage in (("tets_record", "tets"), ("modes", "tets"), ("audio_record", "audio")):
-        path = paths.at(getattr(paths, product), object="x", solidity="solid")
-        products.write_text(path, Refusal("x", stage, "too_thin", "m", solidity="solid").to_text())
-    found = chain.refusals_of(paths, "x")
-    assert found.object is None
-    assert found.bodies["solid"].stage == "tets"
-    assert not found.is_refused(("solid", "hollow"))
-    assert found.is_refused(("solid",))
-    assert chain.objects_in(paths) == ["x"]
-    assert chain.objects_in(Paths(tmp_path / "nowhere")) == []
 
 
 def test_the_documentation_holds_the_schema(root):

@@ -69,7 +69,8 @@ def everything(plan: Plan) -> list[str]:
         return shards(plan)
     paths = plan.paths
     # Others than the first two because results of before they were made would never get them else.
-    return [paths.report, paths.verdict, paths.dataset_config, paths.dataset_sums, paths.index_parquet]
+    last = (paths.report, paths.verdict)
+    return [*last, paths.dataset_config, paths.dataset_sums, paths.index_parquet, paths.index_columns]
 
 
 def missing_shards(plan: Plan) -> list[str]:
