@@ -17,14 +17,15 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-#: The script in place of `vibraverse`; whatever option names a path below results, makes it.
+#: The script in place of `vibraverse`; whatever option names a path below results, makes it. A run's end reads counts.
 STAGE = """\
 #!/bin/sh
 sleep {seconds}
 while [ $# -gt 1 ]; do
   case "$1" in
     --sounds|--views) mkdir -p "$2";;
-    --*) case "$2" in results/*) [ -e "$2" ] || {{ mkdir -p "$(dirname "$2")"; : > "$2"; }};; esac;;
+    --*) case "$2" in results/*) [ -e "$2" ] || {{
+      mkdir -p "$(dirname "$2")"; echo '{{"counts": {{"objects": 1, "refused_objects": 0}}}}' > "$2"; }};; esac;;
   esac
   shift
 done
