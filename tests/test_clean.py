@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import shapes
-from vibraverse.contract.errors import Refused
+from mesh_bytes import ply
+from vibraverse.contract.errors import ChildFailed, Refused
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.files import meshes
 from vibraverse.geometry import repair, surfaces
@@ -343,3 +344,42 @@ def test_invalid_files_are_refused_with_the_true_reason(run, shared_meshes, name
     assert refusal.advice
     if reason:
         assert refusal.reason == reason
+
+
+def broken_reader(*_):
+    raise TypeError("a mistake of ours")
+
+
+def test_a_mistake_in_the_child_ends_the_job(tmp_path, vibraverse, monkeypatch):
+    """It is no refusal: nothing is written, and the child's traceback says where."""
+    (tmp_path / "a.mesh").write_bytes(meshes.ply_bytes(*shapes.box()))
+    (tmp_path / "a.json").write_text(json.dumps({"format": "ply", "file": "a.ply"}))
+    monkeypatch.setattr("vibraverse.geometry.cleaning.clean.clean", broken_reader)
+    with pytest.raises(ChildFailed, match="a mistake of ours"):
+        vibraverse(
+            "clean", "--object", "a", "--mesh", tmp_path / "a.mesh", "--source-record", tmp_path / "a.json",
+            "--surface", tmp_path / "b.ply", "--record", tmp_path / "b.json",
+        )  # fmt: skip
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.json", "a.mesh"]
+
+
+@pytest.mark.parametrize("edges", [1, 5_500_000])
+def test_the_limits_hold_while_the_file_is_read(tmp_path, vibraverse, edges):
+    """A cube: what surrounds it in a text is read too, and takes memory that its repair does not."""
+    head, _, rows = ply().partition(b"end_header\n")
+    head += b"element edge %d\nproperty float length\nend_header\n" % edges
+    (tmp_path / "a.mesh").write_bytes(head + rows + b"10\n" * edges)
+    (tmp_path / "a.json").write_text(json.dumps({"format": "ply", "file": "a.ply"}))
+    status, _, said = vibraverse(
+        "clean", "--object", "a", "--mesh", tmp_path / "a.mesh", "--source-record", tmp_path / "a.json",
+        "--surface", tmp_path / "b.ply", "--record", tmp_path / "b.json",
+        "--options", json.dumps({"limits": {"memory_mb": 350}}),
+    )  # fmt: skip
+    assert status == 0, said
+    refusal = read_refusal(tmp_path / "b.json")
+    if edges == 1:
+        assert refusal is None
+        assert json.loads((tmp_path / "b.json").read_text())["source_triangles"] == 12
+    else:
+        assert refusal.reason == "limit"
+        assert refusal.message == "reading and repairing the mesh needed more than 350 MB."

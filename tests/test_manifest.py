@@ -130,7 +130,7 @@ def test_an_unknown_category_is_one_sentence_where_the_known_ones_are_listed(fol
         ("path,id\n,a\n", "line 2, column path: the cell is empty"),
         ("path\nnone.obj\n", "line 2, column path: none.obj does not exist"),
         ("path\ndeep\\gong.stl\n", "does not exist; write / between folders"),
-        ("path\ndeep\n", "line 2, column path: deep is not a mesh in a known format; export it as one (OBJ,"),
+        ("path\ndeep\n", "line 2, column path: deep is not a mesh in a known format; export it as one (3MF,"),
         ("path\ndeep.obj\n", "deep.obj is not a file"),
         ("path\npipe.obj\n", "pipe.obj is not a file"),
         ("path\nc{a}p.obj\n", "holds braces"),

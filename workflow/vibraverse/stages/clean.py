@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from vibraverse.contract.stage import Job
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
 
     from vibraverse.config.geometry import Clean
@@ -20,11 +21,13 @@ def run(job: Job) -> None:
     from vibraverse.contract.limits import run_limited
     from vibraverse.files import meshes
     from vibraverse.geometry import surfaces
+    from vibraverse.geometry.cleaning.clean import clean
 
     source = products.read_json(job.inputs["source_record"])
     limits = job.options.limits
     body, source_triangles = run_limited(
-        read_and_clean,
+        _read_and_clean,
+        clean,  # what it imports is here before the fork, and so does not count against the child's memory
         job.inputs["mesh"],
         source["format"],
         source.get("file"),
@@ -65,10 +68,11 @@ def run(job: Job) -> None:
     )
 
 
-def read_and_clean(path: Path, format: str, name: str | None, options: Clean) -> tuple[CleanSurface, int]:
+def _read_and_clean(
+    clean: Callable, path: Path, format: str, name: str | None, options: Clean
+) -> tuple[CleanSurface, int]:
     """Return the cleaned body of a mesh file and how many triangles the file holds."""
     from vibraverse.files.meshes import read_mesh
-    from vibraverse.geometry.cleaning.clean import clean
 
     mesh = read_mesh(path, format, name, options.max_triangles)
     body = clean(
