@@ -49,7 +49,7 @@ def test_a_run_is_known_by_its_configuration(results, vibraverse, monkeypatch):
     assert vibraverse("refusals")[1].startswith("1 of 4 objects refused")
     status, _, errors = vibraverse("refusals", "--config", "yours.yaml")
     assert (status, errors) == (
-        2, "vibraverse: the configuration file yours.yaml does not exist\n",
+        2, "vibraverse: the configuration file yours.yaml does not exist; create it, or name another one\n",
     )  # fmt: skip
 
 

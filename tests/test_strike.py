@@ -122,7 +122,7 @@ def test_a_warning_has_a_number_a_threshold_and_the_option_that_helps(tmp_path, 
         (["--at", "0,-inf,0"], "--at takes three numbers"),
         (
             ["--at", "0,0,50"],
-            "--at 0,0,50 is not on the mesh, which is 10 long around 0,0,0 in the coordinates of its",
+            "--at 0,0,50 is not on the mesh, which is 10 long around 0,0,0; give a point in the coordinates of its",
         ),
         (["-o", "."], ". is a folder; name a file in it"),
         (["--json", ".."], ".. is a folder; name a file in it"),

@@ -98,7 +98,7 @@ STEPS = (
     ),
     Step(
         name="tets",
-        version=8,
+        version=8,  # 8: the record says other warnings and how many elements were wanted
         help="fill a surface with tetrahedra",
         per=BODY,
         family="geometry",
