@@ -35,7 +35,7 @@ MEASURED = """\
 import os, resource, sys, threading, time
 from vibraverse.machine import internals
 if sys.argv.pop(1) == "alone":
-    internals.mend_scheduler = lambda workflow: None
+    internals.patch_scheduler = lambda workflow: None
 most, began = [0], time.monotonic()
 def watch():
     while True:

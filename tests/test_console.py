@@ -19,7 +19,7 @@ from snakemake_interface_logger_plugins.common import LogEvent
 
 from vibraverse.contract.refusal import Refusal
 from vibraverse.contract.texts import duration
-from vibraverse.machine.console import LAST_LINES, Console, state, summary
+from vibraverse.machine.console import SHOWN_LOG_LINES, Console, state, summary
 from vibraverse.machine.tally import Tally
 
 SETTINGS = types.SimpleNamespace(
@@ -154,7 +154,7 @@ def test_a_failed_job_is_said_at_once_with_the_end_of_its_log(tmp_path):
         "    external_jobid: 17",
         f"    log: {log}, its last lines:",
     ]
-    assert lines[4:] == [f"        line {n}" for n in range(50 - LAST_LINES, 50)]
+    assert lines[4:] == [f"        line {n}" for n in range(50 - SHOWN_LOG_LINES, 50)]
     run.send(None, "Trying to restart job 1.")
     run.send(None, "Select jobs to execute...")
     assert run.said.splitlines()[-1] == "Trying to restart job 1."

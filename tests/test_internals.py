@@ -27,7 +27,7 @@ configfile: "lying.yaml"
 localrules: near
 
 if config.get("mend"):
-    internals.mend_scheduler(workflow)
+    internals.patch_scheduler(workflow)
 
 rule all:
     input: [f"out/{n}" for n in range(30)], "near"
@@ -188,10 +188,10 @@ def test_an_untested_version_is_not_patched_and_one_line_says_so(monkeypatch, ca
 
     before = JobScheduler._schedule_reevalutation
     monkeypatch.setattr(internals, "TESTED", dict.fromkeys(internals.TESTED, "<1"))
-    internals.mend_scheduler(types.SimpleNamespace(is_main_process=False))
+    internals.patch_scheduler(types.SimpleNamespace(is_main_process=False))
     assert capsys.readouterr().err == ""
-    internals.mend_scheduler(types.SimpleNamespace(is_main_process=True))
-    internals.be_patient()
+    internals.patch_scheduler(types.SimpleNamespace(is_main_process=True))
+    internals.patch_slurm_plugin()
     assert JobScheduler._schedule_reevalutation is before
     first, second = capsys.readouterr().err.splitlines()
     assert first.startswith("vibraverse: snakemake 9.")
@@ -221,7 +221,7 @@ class Scheduler:
         end = time.monotonic() + seconds
         while self._open_jobs.acquire(timeout=max(0.0, end - time.monotonic())):
             self.looks += 1
-            internals._look_again(self, delay)
+            internals._evaluate_later(self, delay)
 
 
 def test_one_look_waits_however_many_jobs_have_finished():

@@ -185,8 +185,8 @@ def plugin(monkeypatch):
         Executor=Executor, query_job_status=query, _status_lookup_ids=lambda name: [name, name.split("_")[0]]
     )
     monkeypatch.setitem(sys.modules, "snakemake_executor_plugin_slurm", module)
-    internals.be_patient()
-    internals.be_patient()
+    internals.patch_slurm_plugin()
+    internals.patch_slurm_plugin()
     return lambda *answers: Executor(module, list(answers))
 
 
@@ -207,15 +207,15 @@ def test_a_slurm_that_is_away_for_a_while_loses_no_job(plugin):
 
 def test_a_slurm_that_stays_away_is_waited_for(plugin, bin_):
     stub(bin_, "squeue", "exit 1")
-    away = plugin(*[None] * (3 * internals.SILENT_LOOKS))
-    assert away.looks(jobs("a", "b")) == [2] * (3 * internals.SILENT_LOOKS)
+    away = plugin(*[None] * (3 * internals.MAX_MISSING_ANSWERS))
+    assert away.looks(jobs("a", "b")) == [2] * (3 * internals.MAX_MISSING_ANSWERS)
     assert away.ended == []
 
 
 def test_a_job_that_slurm_has_lost_fails(plugin, bin_):
     """Jobs 1 and 3_7 (of an array) are lost; 2 is told of, and 4 waits in the queue without being in the accounts."""
     stub(bin_, "squeue", "echo 2; echo 4")
-    silence = internals.SILENT_LOOKS
+    silence = internals.MAX_MISSING_ANSWERS
     lossy = plugin(*[{"2": "running"}] * (silence - 1), None, {"2": "running"}, {"2": "done"})
     assert lossy.looks(jobs("1", "2", "3_7", "4")) == [4] * silence + [2, 1]
     assert [line.split(":")[0] for line in lossy.ended] == ["1", "3_7", "2"]
@@ -224,7 +224,7 @@ def test_a_job_that_slurm_has_lost_fails(plugin, bin_):
 
 def test_a_job_that_is_listed_again_was_not_lost(plugin, bin_):
     stub(bin_, "squeue", "true")
-    almost = [{}] * (internals.SILENT_LOOKS - 1)
+    almost = [{}] * (internals.MAX_MISSING_ANSWERS - 1)
     late = plugin(*almost, {"3": "running"}, *almost, {"3_1": "done"})
     assert late.looks(jobs("3_1"))[-2:] == [1, 0]
     assert late.ended == ["3_1"]
@@ -232,7 +232,7 @@ def test_a_job_that_is_listed_again_was_not_lost(plugin, bin_):
 
 def test_no_job_is_lost_while_the_queue_does_not_answer(plugin, bin_):
     stub(bin_, "squeue", f"[ -e {bin_}/works ]")
-    slow, waiting = plugin(*[{}] * (2 * internals.SILENT_LOOKS)), jobs("1")
+    slow, waiting = plugin(*[{}] * (2 * internals.MAX_MISSING_ANSWERS)), jobs("1")
     assert set(slow.looks(waiting)) == {1}
     (bin_ / "works").touch()
     slow.answers.append({})

@@ -274,7 +274,7 @@ def test_what_is_asked_is_understood(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ODD", "a=b\nc\udcff")
     argv = ["sources", "", "--options", '{"a": "é"}', "a=b"]
-    identity, folder, mask, asked, environment = warm.understood(warm.request(argv))
+    identity, folder, mask, asked, environment = warm.parse(warm.request(argv))
     assert (identity, folder, asked) == (warm.identity(), str(tmp_path), argv)
     assert environment == dict(os.environ)
     assert mask == os.umask(mask)

@@ -14,7 +14,7 @@ from vibraverse.flow.steps import VERSIONS
 # `vibraverse config show FILE` says is what runs. Single keys of --config go on top of either.
 chosen = internals.configuration(workflow, config)
 
-internals.mend_scheduler(workflow)
+internals.patch_scheduler(workflow)
 if internals.is_main_process(workflow):
     preflight.stop_without(preflight.profile, sys.argv)
 

@@ -48,7 +48,7 @@ onstart:
         locks.wait_for(orphans)
         warm_up([(job.rule, job.image_file) for job in waiting])
     if internals.executor(workflow) == "slurm":
-        internals.be_patient()
+        internals.patch_slurm_plugin()
         preflight.stop_without(
             slurm.check,
             [(job.rule, job.resources) for job in waiting if not job.is_local],

@@ -1,8 +1,8 @@
 """The command ``vibraverse``: one subcommand per stage, and a few for people.
 
-A subcommand's module is imported only when it is asked for, so that ``--help`` answers at once and the thread
-settings stand before any numerical library starts. A stage that a warm process does costs its command no import at
-all: there are ten for each object.
+A subcommand's module is imported only when it is called. So ``--help`` answers at once, and the thread settings are
+in place before any numerical library loads. A stage that runs in a warm process costs its command no import at all:
+there are ten such commands for each object.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from vibraverse import __version__
 from vibraverse.machine import warm
 from vibraverse.machine.threads import asked_threads, set_rounding, set_threads
 
-TYPE_CHECKING = False  # the module that has it takes as long to import as all others here
+TYPE_CHECKING = False  # importing typing takes as long as all other imports here together
 if TYPE_CHECKING:
     from vibraverse.contract.step import Step
 
@@ -37,7 +37,7 @@ COMMANDS = {
     "validation": "show how near the frequencies of known bodies are",
 }
 
-#: Failures whose frames hold HDF5 files that could not be written: letting go of them crashes, so nothing does.
+#: Failures whose frames hold HDF5 files that could not be written. Freeing those files crashes, so they are kept.
 _UNWRITTEN: list[Exception] = []
 
 
@@ -61,12 +61,12 @@ def entry() -> None:
     if status == 1 and "h5py" in sys.modules:
         sys.stdout.flush()
         sys.stderr.flush()
-        os._exit(status)  # HDF5 crashes at a process's end over what it could not write
+        os._exit(status)  # at a regular exit, HDF5 crashes over the files that it could not write
     sys.exit(status)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line; return the exit status: 1 where the machine failed, 2 for a mistake in what was asked."""
+    """Run the command line; return the exit status: 1 if the machine failed, 2 for a usage error."""
     argv = sys.argv[1:] if argv is None else argv
     set_rounding()
     if not argv or argv[0] in ("-h", "--help", "help"):
@@ -107,13 +107,13 @@ def _here(name: str, rest: list[str]) -> int:
     except KeyboardInterrupt:
         print("vibraverse: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # whoever read this, `head` say, has seen enough
+    except BrokenPipeError:  # the reader, for instance `head`, has seen enough
         _drop_output()
         return 141
 
 
 def _drop_output() -> None:
-    """Let what was printed and cannot be written go, or the process would end with a second sentence about it."""
+    """Discard printed text that cannot be written; Python would report it a second time at exit."""
     try:
         sys.stdout.flush()
     except OSError:
@@ -121,11 +121,11 @@ def _drop_output() -> None:
 
 
 def _run(name: str, argv: list[str]) -> int:
-    """Run a subcommand; raises :class:`NotStored` where what it writes cannot be stored."""
+    """Run a subcommand; raise :class:`NotStored` if its output cannot be stored."""
     import importlib
 
     from vibraverse.contract.errors import NotStored, UsageError
-    from vibraverse.contract.products import STORING, not_stored
+    from vibraverse.contract.products import STORAGE_ERRORS, not_stored
     from vibraverse.contract.readable import unreadable
     from vibraverse.contract.texts import unknown
     from vibraverse.flow.steps import BY_NAME
@@ -140,7 +140,7 @@ def _run(name: str, argv: list[str]) -> int:
         status = module.main(argv) or 0
         sys.stdout.flush()
         return status
-    except STORING as error:
+    except STORAGE_ERRORS as error:
         named = [path for name in ("filename2", "filename") if (path := getattr(error, name, None))]
         read = isinstance(error, PermissionError) and named and os.path.isfile(named[0])
         if read and (wrong := unreadable(named[0])):
@@ -188,7 +188,7 @@ def _run_stage(step: Step, argv: list[str]) -> None:
     from vibraverse.contract.stage import Job, run
 
     if hasattr(sys.stdout, "reconfigure"):
-        sys.stdout.reconfigure(line_buffering=True)  # a log has what was said in its order
+        sys.stdout.reconfigure(line_buffering=True)  # keeps stdout and stderr in order in a log
     threads = asked_threads(argv)
     set_threads(int(threads) if threads.isdigit() else 1)
     values = vars(_parser(step).parse_args(argv))

@@ -1,1 +1,1 @@
-"""What every stage keeps; standard library only."""
+"""The contracts that every stage keeps; standard library only."""

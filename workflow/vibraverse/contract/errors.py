@@ -1,8 +1,8 @@
 """The kinds of failure. Edges catch these by name.
 
-:class:`Refused`: the object cannot be processed; a record, exit status 0. :class:`UsageError`: what was asked for is
-wrong; one sentence, exit status 2, nothing written. :class:`NotStored` and :class:`NotThere`: the machine failed; one
-sentence, exit status 1, and a cluster retries. Anything of :data:`PROGRAMMING` is a mistake of ours and stays one.
+:class:`Refused`: the object cannot be processed; a record, exit status 0. :class:`UsageError`: the request is wrong;
+one sentence, exit status 2, nothing written. :class:`NotStored` and :class:`NotThere`: the machine failed; one
+sentence, exit status 1, and a cluster retries. :data:`PROGRAMMING` lists errors in our code, which keep their traceback.
 """
 
 from __future__ import annotations
@@ -10,12 +10,12 @@ from __future__ import annotations
 from vibraverse.contract.refusal import REASONS
 from vibraverse.contract.texts import storable
 
-#: Mistakes in code. They are never turned into a refusal, in no child process either.
+#: Programming errors. They are never turned into a refusal, not in a child process either.
 PROGRAMMING = (AssertionError, AttributeError, ImportError, NameError, NotImplementedError, TypeError)
 
 
 class UsageError(Exception):
-    """What was asked for is wrong: one sentence, exit status 2, nothing written."""
+    """The request is wrong: one sentence, exit status 2, nothing written."""
 
 
 class NotStored(Exception):
@@ -23,7 +23,7 @@ class NotStored(Exception):
 
 
 class NotThere(Exception):
-    """The machine lacks something that the command needs: one sentence, with the remedy; exit status 1."""
+    """The machine lacks something that the command needs: one sentence with the remedy, exit status 1."""
 
 
 class ChildFailed(Exception):
@@ -31,10 +31,10 @@ class ChildFailed(Exception):
 
 
 class Refused(Exception):
-    """Raised where an object cannot be processed; becomes a refusal record.
+    """An object that cannot be processed; becomes a refusal record.
 
-    ``reason`` is a key of :data:`REASONS`, ``message`` says what is wrong with what, ``advice`` what
-    its owner can do.
+    ``reason`` is a key of :data:`REASONS`, ``message`` says what is wrong, ``advice`` what the owner of the object
+    can do.
     """
 
     def __init__(self, reason: str, message: str, advice: str = ""):

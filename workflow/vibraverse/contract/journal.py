@@ -1,18 +1,19 @@
-"""The journal of a results folder: who works there, and what the jobs that ended took.
+"""The journal of a results folder: which processes work there, and the costs of the jobs that ended.
 
 ``journal/runs/…json``
-    A run: a file that its process has locked.
+    One file per run, locked by the run's process.
 ``journal/begun/…json``
-    A job, likewise. It is deleted when the job ends, and stays where the job fails or is killed.
+    One file per job, locked likewise. It is deleted when the job ends, and stays if the job fails or is killed.
 ``journal/NAME.jsonl``
-    The jobs of an object, a shard or a known body that ended, one line each; NAME is a stage where it has one job.
+    The ended jobs of an object, a shard or a known body, one line each. For a stage with a single job, NAME is the
+    stage.
 
-The kernel drops a lock when its process ends, however it ends. So a file tells whether its process works, also across
-machines where the file system passes locks on. Without locks, the process of this machine is looked up, and one of
-another machine counts as working until its file is deleted.
+The kernel drops a lock when its process ends, however it ends. So a file shows whether its process still works, across
+machines too if the file system shares locks between them. Without locks, a process of this machine is looked up by its
+number, and one of another machine counts as working until its file is deleted.
 
-A run tells its jobs of its file in the environment variable :data:`RUN`. A stage that is run by hand finds none, and
-writes no journal.
+The environment variable :data:`RUN` names the run's file to its jobs. A stage that is run by hand writes no journal,
+because the variable is not set.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
-#: The environment variable that names the file of the run to its jobs.
+#: Environment variable that names the run's file to its jobs.
 RUN = "VIBRAVERSE_RUN"
-#: How a job ended. One that passes the refusal of an input on computes nothing.
+#: How a job ended. A job that passes on the refusal of an input computes nothing.
 DONE, REFUSED, PASSED_ON, FAILED = "done", "refused", "passed on", "failed"
 #: ``struct flock`` of 64-bit Linux: type, whence, start, length, process.
 _FLOCK = "hhqqi"
@@ -39,9 +40,9 @@ _LINUX = sys.platform.startswith("linux")
 
 @dataclass(frozen=True)
 class Worker:
-    """A process that works, or did: where, since when (seconds since 1970), and whether it could lock its file.
+    """A process that works or worked: where, since when (seconds since 1970), and whether it locked its file.
 
-    A run has the shards that it may touch (None: all); a job has its run's file by name, and what it works on.
+    A run states the shards that it may touch (None: all); a job states its run's file name and what it works on.
     """
 
     host: str
@@ -60,7 +61,7 @@ class Worker:
 
     @property
     def is_here(self) -> bool:
-        """Whether it is a process of this machine."""
+        """Whether the process runs on this machine."""
         return self.host == os.uname().nodename
 
     @property
@@ -71,7 +72,7 @@ class Worker:
 
 @dataclass(frozen=True)
 class Ended:
-    """A job that ended: how, what it took with the start of its process, where, and when (seconds since 1970)."""
+    """A job that ended: how, its costs including the start of its process, where, and when (seconds since 1970)."""
 
     stage: str
     object: str
@@ -89,12 +90,12 @@ class Ended:
 
 
 class Mark:
-    """The locked file of this process, until :meth:`remove` or the end of the process."""
+    """The locked journal file of this process, until :meth:`remove` or the end of the process."""
 
     def __init__(self, folder: Path, **facts):
         folder.mkdir(parents=True, exist_ok=True)
         host, process = os.uname().nodename, os.getpid()
-        # Processes in containers may share a number.
+        # Processes in different containers may have the same number.
         self.file = folder / f"{host}-{process}-{os.urandom(3).hex()}.json"
         aside = self.file.with_name(f".{self.file.name}")
         self._descriptor: int | None = os.open(aside, os.O_RDWR | os.O_CREAT, 0o666)
@@ -110,7 +111,7 @@ class Mark:
             raise
 
     def remove(self) -> None:
-        """Delete the file: the work is over. Does nothing when called again, or in a fork of the process."""
+        """Delete the file, because the work is over. Do nothing in a second call or in a fork of the process."""
         if self._descriptor is not None and os.getpid() == self.worker.process:
             self.file.unlink(missing_ok=True)
             self.release()
@@ -122,12 +123,12 @@ class Mark:
 
 
 def runs_folder(results: str | Path) -> Path:
-    """Return the folder of the files of runs."""
+    """Return the folder that holds the files of runs."""
     return Path(results) / "journal/runs"
 
 
 def begin(stage: str, object_: str, solidity: str) -> Mark | None:
-    """Return the mark of this process's job; None where no run has started it."""
+    """Mark this process's job as begun; return the mark, or None if no run started the job."""
     run = os.environ.get(RUN)
     if not run:
         return None
@@ -136,7 +137,7 @@ def begin(stage: str, object_: str, solidity: str) -> Mark | None:
 
 
 def end(mark: Mark, outcome: str, cpu_s: float, memory_mb: float) -> None:
-    """Note how a job ended, and delete its mark unless it failed. A disk that is full now fails no job."""
+    """Record how a job ended, and delete its mark unless it failed. A full disk does not fail the job here."""
     worker, now = mark.worker, time.time()
     line = Ended(
         *worker.job, outcome, round(_age_s(), 3), round(cpu_s, 3), memory_mb, worker.host, worker.process,
@@ -152,10 +153,10 @@ def end(mark: Mark, outcome: str, cpu_s: float, memory_mb: float) -> None:
 
 
 def _append(file: Path, record: dict) -> None:
-    """Add a line to a file that other jobs may add to.
+    """Append a line to a file to which other jobs may append.
 
-    One write at the end of a file is whole on a local disk. NFS writes where it believes the end to be; locking makes
-    it look again.
+    On a local disk, one write with O_APPEND is atomic. NFS writes at the end that it has cached; taking a lock makes
+    it refresh that.
     """
     descriptor = os.open(file, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
     try:
@@ -167,35 +168,35 @@ def _append(file: Path, record: dict) -> None:
 
 
 def names(results: str | Path) -> set[str]:
-    """Return the objects, shards, known bodies and stages with jobs that ended."""
+    """Return the names of the objects, shards, known bodies and stages that have ended jobs."""
     files = _listed(Path(results) / "journal", ".jsonl")
     return {file.name.removesuffix(".jsonl") for file in files}
 
 
 def ended(results: str | Path, name: str) -> dict[tuple[str, str, str], Ended]:
-    """Return the last end of each job of an object, failures aside; lines that a crash cut off are passed over."""
+    """Return the last successful or refused end of each job of an object; skip lines that a crash cut off."""
     text = Path(results, "journal", f"{name}.jsonl").read_text(encoding="utf-8", errors="replace")
     lines = filter(None, (_parsed(Ended, line) for line in text.splitlines()))
     return {(one.stage, one.object, one.solidity): one for one in lines if one.outcome != FAILED}
 
 
 def runs(results: str | Path) -> Iterator[tuple[Path, Worker]]:
-    """Yield the runs that work or were killed, with their files."""
+    """Yield the runs that work and those that were killed, with their files."""
     yield from _marked(runs_folder(results))
 
 
 def working_runs(results: str | Path) -> dict[str, Worker]:
-    """Return the runs that work, by the names of their files."""
+    """Return the runs that work, by file name."""
     return {file.name: run for file, run in runs(results) if works(file, run)}
 
 
 def begun(results: str | Path) -> Iterator[tuple[Path, Worker]]:
-    """Yield the jobs that work, failed or were killed, with their files."""
+    """Yield the jobs that work, those that failed and those that were killed, with their files."""
     yield from _marked(Path(results) / "journal/begun")
 
 
 def works(file: Path, worker: Worker) -> bool:
-    """Return whether the process that marked a file still works."""
+    """Return whether the process that a file belongs to still works."""
     if worker.locked:
         with suppress(OSError):
             return _is_locked(file)
@@ -203,9 +204,10 @@ def works(file: Path, worker: Worker) -> bool:
 
 
 def _lock(descriptor: int) -> bool:
-    """Lock a file that nobody else has; return whether that can be done here.
+    """Lock a file that no other process has open; return whether the file system allows it.
 
-    The lock is the open file's: one of the process would go when the process reads the file and closes it again.
+    The lock belongs to the open file description. A lock of the process would be dropped as soon as the process opened
+    the file again and closed it.
     """
     if not _LINUX:
         return False
@@ -256,7 +258,7 @@ def _listed(folder: Path, suffix: str) -> Iterable[Path]:
 
 
 def _parsed(kind: type, text: str):
-    """Return a record of a kind from JSON, keys of later versions aside; None where it is none."""
+    """Return a record of a kind from JSON, without keys of later versions; None if the text is no such record."""
     try:
         values = json.loads(text)
         return kind(**{one.name: values[one.name] for one in fields(kind) if one.name in values})
@@ -265,7 +267,7 @@ def _parsed(kind: type, text: str):
 
 
 def _age_s() -> float:
-    """Return for how long this process has existed; where the system does not say, since this module was imported."""
+    """Return the age of this process in seconds; outside Linux, the time since this module was imported."""
     if not _LINUX:
         return time.perf_counter() - _IMPORTED
     with open("/proc/self/stat", encoding="ascii", errors="replace") as file:

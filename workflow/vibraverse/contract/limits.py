@@ -1,14 +1,14 @@
-"""Limits of time and memory: of one function in a child process, or of memory in this one.
+"""Limits of time and memory for one function in a child process, or of memory for this process.
 
-Meshers hang and crash on real models. In a child they cost one object, not the run: a timeout, a crash or
-an exhausted memory limit becomes a refusal that carries the tool's last words. Solvers do neither, but what they need
-grows fast with the mesh; they get a limit where they run.
+Meshers hang and crash on real models. In a child process they cost one object, not the run: a timeout, a crash or an
+exhausted memory limit becomes a refusal that quotes the tool's last words. Solvers neither hang nor crash, but their
+memory grows fast with the mesh; they get a limit in the process where they run.
 
-The child is a fork: it has the libraries that its parent imported, which a new process would import again for longer
-than many a body takes. A fork of a process with several threads may wait for ever for one that it does not have, so
-there the child is a new process.
+The child is a fork, because it then has the libraries that its parent imported. Importing them again takes longer than
+many a body. A fork of a process with several threads may deadlock, because it lacks the other threads; such a process
+starts a new one instead.
 
-A limit of time is one of work: a busy machine, and one that suspends its jobs, refuse the same objects as an idle one.
+The time limit counts work: a busy machine, or one that suspends its jobs, refuses the same objects as an idle one.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ from pathlib import Path
 
 from vibraverse.contract.errors import PROGRAMMING, ChildFailed, Refused
 
-_TAIL = 600
-#: What libraries say when there is no memory left: the loader, C, C++, SuperLU.
+#: Bytes at the end of a child's log that are searched for its last words.
+_LOG_TAIL_BYTES = 600
+#: Messages of libraries that ran out of memory: the loader, C, C++, SuperLU.
 _OUT_OF_MEMORY = (
     "failed to map segment",
     "Cannot allocate memory",
@@ -35,21 +36,21 @@ _OUT_OF_MEMORY = (
     "MALLOC fails",
     "alloc() fails",
 )
-#: What they raise then.
-_EXHAUSTED = (ImportError, MemoryError, OSError, RuntimeError)
+#: Types of the exceptions that carry these messages.
+_OUT_OF_MEMORY_TYPES = (ImportError, MemoryError, OSError, RuntimeError)
 _PR_SET_PDEATHSIG = 1
 
 
 def die_with(parent: int) -> None:
-    """Let this process be killed when its ``parent`` ends, however that ends.
+    """Let the kernel kill this process when its ``parent`` ends, however the parent ends.
 
-    A child that outlives a killed job computes for nobody, and then waits for ever to tell its result.
+    A child that outlives a killed job computes in vain, and then waits for ever to send its result.
     """
     import ctypes
 
     with suppress(OSError, AttributeError):
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before that
+    if os.getppid() != parent:  # the parent ended before the call
         os._exit(1)
 
 
@@ -67,7 +68,7 @@ def _child(parent: int, connection, log: str, memory_mb: int, function: Callable
         connection.send(("ok", function(*arguments)))
     except Refused as refused:
         connection.send(("refused", refused))
-    except Exception as error:  # the edge of this process: whatever it is, the parent says it
+    except Exception as error:  # the outermost frame of this process: the parent reports every error
         if out_of_memory(error):
             connection.send(("memory", None))
         elif isinstance(error, PROGRAMMING):
@@ -78,12 +79,12 @@ def _child(parent: int, connection, log: str, memory_mb: int, function: Callable
 
 
 def out_of_memory(error: Exception) -> bool:
-    """Return whether an error means that there is no memory left, in Python's words or a library's."""
+    """Return whether an error means that memory ran out, whether Python or a library raised it."""
     return isinstance(error, MemoryError) or any(words in str(error) for words in _OUT_OF_MEMORY)
 
 
 def _limit(memory_mb: int) -> int:
-    """Return the bytes of address space that this process may have to take so much more, and no more than it may."""
+    """Return the address-space limit in bytes that leaves this process ``memory_mb`` more, within its hard limit."""
     import resource
 
     limit, hard = memory_mb * 2**20 + _address_space(), resource.getrlimit(resource.RLIMIT_AS)[1]
@@ -91,7 +92,7 @@ def _limit(memory_mb: int) -> int:
 
 
 def _address_space() -> int:
-    """Return the bytes of address space that this process has, libraries mostly; 0 where the system does not say."""
+    """Return the address space of this process in bytes, mostly libraries; 0 without ``/proc``."""
     try:
         with open("/proc/self/statm", encoding="ascii") as file:
             return int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
@@ -100,7 +101,7 @@ def _address_space() -> int:
 
 
 def threads() -> int:
-    """Return how many threads this process has; 0 where the system does not say."""
+    """Return the number of threads of this process; 0 without ``/proc``."""
     try:
         return len(os.listdir("/proc/self/task"))
     except OSError:
@@ -112,14 +113,13 @@ def run_limited(
 ):
     """Return ``function(*arguments)``, computed in a child process with limits.
 
-    ``function`` must be importable and its arguments and result picklable; ``what`` names the tool in the
-    refusal ("gmsh"), ``key`` the section of the configuration that the limits come from. ``seconds`` limits the CPU
-    time that the child takes, and the time in which it takes none; ``memory_mb`` the address space besides what it
-    starts with.
+    ``function`` must be importable, its arguments and result picklable. ``what`` names the tool in the refusal
+    ("gmsh"), ``key`` the section of the configuration that sets the limits. ``seconds`` limits the child's CPU time,
+    and the time for which it may stand still. ``memory_mb`` limits the address space that it takes after its start.
 
-    Raises :class:`Refused` with reason ``limit`` at a timeout or when memory ran out, ``meshing_failed`` after a
-    crash or an exception, or the :class:`Refused` that the function itself raised; :class:`ChildFailed` after a
-    programming error.
+    Raises :class:`Refused` with reason ``limit`` after a timeout or when memory runs out, with ``meshing_failed`` after
+    a crash or an exception, and the :class:`Refused` that the function itself raises. Raises :class:`ChildFailed` after
+    a programming error.
     """
     context = multiprocessing.get_context("fork" if threads() == 1 else "spawn")
     receiver, sender = context.Pipe(duplex=False)
@@ -139,7 +139,7 @@ def run_limited(
         if status == "timeout":
             process.kill()
         process.join()
-        words = Path(log).read_bytes()[-_TAIL:].decode(errors="replace").strip()
+        words = Path(log).read_bytes()[-_LOG_TAIL_BYTES:].decode(errors="replace").strip()
     finally:
         if process.is_alive():
             process.kill()
@@ -178,14 +178,14 @@ def run_limited(
 
 
 def _overtime(receiver, pid: int, seconds: float) -> str:
-    """Wait for a child's answer; return nothing, or what the child did for longer than it may."""
+    """Wait for a child's answer; return "" when it comes, or words for the limit that the child exceeded."""
     step, worked, still = min(1.0, seconds / 4), 0.0, 0.0
     while worked <= seconds and still <= seconds:
         began = time.monotonic()
         if receiver.poll(step):
             return ""
         before, worked = worked, _cpu_s(pid)
-        # A step that took much longer is one in which this process was stopped, and the child with it.
+        # A much longer step means that this process was suspended, and the child with it.
         still = 0.0 if worked > before else still + min(time.monotonic() - began, 2 * step)
     return (
         f"after {seconds:g} s of CPU time"
@@ -195,7 +195,7 @@ def _overtime(receiver, pid: int, seconds: float) -> str:
 
 
 def _cpu_s(pid: int) -> float:
-    """Return the CPU seconds that a process has taken; 0 where the system does not say."""
+    """Return the CPU time of a process in seconds; 0 without ``/proc``."""
     try:
         with open(f"/proc/{pid}/stat", encoding="ascii", errors="replace") as file:
             ticks = file.read().rpartition(")")[2].split()[11:13]
@@ -206,7 +206,7 @@ def _cpu_s(pid: int) -> float:
 
 @contextmanager
 def limited_memory(memory_mb: int, what: str, key: str) -> Iterator[None]:
-    """Let this process have no more than ``memory_mb`` of address space besides what it has, as configured by ``key``.
+    """Limit this process to ``memory_mb`` of address space more than it has now; ``key`` configures the limit.
 
     Raises :class:`Refused` with reason ``limit`` instead of ``MemoryError``.
     """
@@ -216,7 +216,7 @@ def limited_memory(memory_mb: int, what: str, key: str) -> Iterator[None]:
     resource.setrlimit(resource.RLIMIT_AS, (_limit(memory_mb), before[1]))
     try:
         yield
-    except _EXHAUSTED as error:
+    except _OUT_OF_MEMORY_TYPES as error:
         if not out_of_memory(error):
             raise
         raise Refused(
@@ -229,10 +229,10 @@ def limited_memory(memory_mb: int, what: str, key: str) -> Iterator[None]:
 
 
 def keep_memory() -> None:
-    """Let this process keep the memory it frees for what it needs next.
+    """Let this process reuse the memory that it frees.
 
-    Solvers take and free arrays of tens of megabytes hundreds of times. By default glibc hands each back to the kernel,
-    which clears it for the next one: a fifth of an eigensolve. Where there is no glibc, nothing happens.
+    Solvers allocate and free arrays of tens of megabytes hundreds of times. By default glibc returns each to the kernel,
+    which clears the pages for the next one: a fifth of the time of an eigensolve. Without glibc, nothing happens.
     """
     import ctypes
 

@@ -1,4 +1,4 @@
-"""Files that appear whole or not at all, and what each says about where it came from."""
+"""Products: files that appear whole or not at all, and the provenance that each states."""
 
 from __future__ import annotations
 
@@ -15,23 +15,23 @@ from pathlib import Path
 
 from vibraverse.contract.errors import NotStored
 
-#: What the system says when it cannot store a file: remedies by errno.
-_NO_ROOM = {
+#: Remedies by errno, for the errors with which the system refuses to store a file.
+_REMEDIES = {
     errno.ENOSPC: "free some space",
     errno.EDQUOT: "free some space, or ask for a larger quota",
     errno.EROFS: "make it writable, or choose another results folder",
     errno.EACCES: "make it writable, or choose another results folder",
     errno.EPERM: "make it writable, or choose another results folder",
 }
-#: What the system and HDF5 raise where a file cannot be written.
-STORING = (OSError, RuntimeError, ValueError, LookupError)
+#: Types of the errors that the system and HDF5 raise if a file cannot be written.
+STORAGE_ERRORS = (OSError, RuntimeError, ValueError, LookupError)
 
 
 def not_stored(error: BaseException, *paths: str | Path) -> str:
-    """Return one sentence when ``error`` says that ``paths`` cannot be stored, and what to do; else nothing.
+    """Return one sentence with a remedy if ``error`` means that ``paths`` cannot be stored; else "".
 
-    The sentence names the first of them. A file that may not be read is another matter. Libraries hide the system's
-    error in a text: HDF5 writes ``errno = 28`` into its own, NumPy only how much of an array found room.
+    The sentence names the first path. An unreadable file does not count. Libraries hide the system's error in a text:
+    HDF5 writes ``errno = 28`` into its message, NumPy only how much of an array was written.
     """
     if isinstance(error, PermissionError) and not _concerns(error, [Path(path) for path in paths]):
         return ""
@@ -41,14 +41,14 @@ def not_stored(error: BaseException, *paths: str | Path) -> str:
         number = int(hidden[1]) if hidden else None
         if re.search(r"\d+ requested and \d+ written", str(error)):
             number = errno.ENOSPC
-    if number not in _NO_ROOM:
+    if number not in _REMEDIES:
         return ""
     place = _final(paths[0])
-    return f"{place} cannot be written: {os.strerror(number)}; {_NO_ROOM[number]}, then repeat the command."
+    return f"{place} cannot be written: {os.strerror(number)}; {_REMEDIES[number]}, then repeat the command."
 
 
 def _concerns(error: OSError, paths: list[Path]) -> bool:
-    """Return whether an error is about one of ``paths``, what is written aside for it, or a folder that it needs."""
+    """Return whether an error concerns one of ``paths``, its partial file, or a folder above or in it."""
     if error.filename is None:
         return True
     named = Path(os.fsdecode(error.filename))
@@ -60,10 +60,10 @@ def _concerns(error: OSError, paths: list[Path]) -> bool:
 
 @contextmanager
 def storing(*paths: str | Path):
-    """Raise :class:`NotStored` instead of an error which means that ``paths`` cannot be stored."""
+    """Raise :class:`NotStored` in place of an error which means that ``paths`` cannot be stored."""
     try:
         yield
-    except STORING as error:
+    except STORAGE_ERRORS as error:
         said = not_stored(error, *paths)
         if not said:
             raise
@@ -82,7 +82,7 @@ def text_sha256(text: str) -> str:
 
 
 def aside(path: str | Path) -> Path:
-    """Return the name beside ``path`` under which it is written before it appears.
+    """Return the partial path beside ``path``, to which a product is written before it is renamed.
 
     The extension stays last because many writers choose the format by it.
     """
@@ -91,24 +91,24 @@ def aside(path: str | Path) -> Path:
 
 
 def _final(path: str | Path) -> Path:
-    """Return a path with the final names of all that is written aside."""
+    """Return a path with every partial name in it replaced by the final one."""
     return Path(*(re.sub(r"^\.\d+\.partial\.", "", part) for part in Path(path).parts))
 
 
 def work_folder(path: str | Path) -> Path:
-    """Return the folder beside ``path`` in which a stage keeps what it needs to go on after a kill."""
+    """Return the folder beside ``path`` in which a stage keeps its state between attempts."""
     path = Path(path)
     return path.with_name(f".work.{path.name}")
 
 
 def remove_partials(path: Path) -> None:
-    """Remove what a killed run left beside ``path``."""
+    """Remove the partial files and folders that a killed run left beside ``path``."""
     for stale in path.parent.glob(f".*.partial.{glob.escape(path.name)}"):
         _erase(stale)
 
 
 def remove(path: Path) -> None:
-    """Remove a file, or a folder in one step: what is left of it while its files go does not bear its name."""
+    """Remove a file or a folder. A folder is renamed first, so that its name never points to half of its files."""
     if path.is_dir():
         gone = _gone(path)
         os.replace(path, gone)
@@ -118,9 +118,9 @@ def remove(path: Path) -> None:
 
 
 def publish(partial: Path, final: Path) -> None:
-    """Flush ``partial``, a file or a folder with all that is in it, to disk and rename it to ``final``.
+    """Flush ``partial``, a file or a folder with all its files, to disk and rename it to ``final``.
 
-    A file takes the place of another in one step; a folder that is there goes first.
+    A file replaces another atomically; an existing folder is moved away first.
     """
     for path in filter(Path.is_file, partial.rglob("*") if partial.is_dir() else [partial]):
         with open(path, "rb+") as file:
@@ -133,12 +133,12 @@ def publish(partial: Path, final: Path) -> None:
 
 
 def _gone(path: Path) -> Path:
-    """Return the name that a folder bears while it is removed; it counts as a partial one."""
+    """Return the name of a folder while it is removed; it counts as a partial name."""
     return path.with_name(f".{os.getpid()}.gone.partial.{path.name}")
 
 
 def _erase(path: Path) -> None:
-    """Remove a file or a folder, if there is one."""
+    """Remove a file or a folder, if it exists."""
     if path.is_dir():
         shutil.rmtree(path)
     else:
@@ -147,9 +147,9 @@ def _erase(path: Path) -> None:
 
 @contextmanager
 def whole(path: str | Path):
-    """Yield a temporary path for a file or folder; on success it becomes ``path``, on failure it is removed.
+    """Yield a temporary path for a file or folder; rename it to ``path`` on success, remove it on failure.
 
-    Raises :class:`NotStored` where it cannot be written.
+    Raises :class:`NotStored` if it cannot be written.
     """
     path = Path(path)
     partial = aside(path)
@@ -164,9 +164,9 @@ def whole(path: str | Path):
 
 @contextmanager
 def hdf5(path: str | Path):
-    """Yield an HDF5 file in memory, which is written to ``path`` as a whole when all is in it.
+    """Yield an HDF5 file in memory, and write it to ``path`` as a whole at the end.
 
-    HDF5 2.0 crashes after a write of its own that found no room. The bytes are those that it would have written.
+    HDF5 2.0 crashes after one of its own writes fails on a full disk. The bytes are those that it would have written.
     """
     import h5py
 
@@ -185,7 +185,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def as_json(value) -> str:
-    """Return JSON in the writer's own order, NumPy numbers allowed."""
+    """Return JSON with the keys in the given order; NumPy numbers and arrays are allowed."""
     return json.dumps(value, indent=2, ensure_ascii=False, default=_plain) + "\n"
 
 
@@ -195,7 +195,7 @@ def write_json(path: str | Path, value) -> None:
 
 
 def _plain(value):
-    """Turn NumPy scalars and arrays into what JSON knows."""
+    """Convert NumPy scalars and arrays to JSON types."""
     if hasattr(value, "tolist"):
         return value.tolist()
     raise TypeError(f"cannot store {type(value).__name__} as JSON")
@@ -212,9 +212,9 @@ def write_provenance(h5, provenance: dict) -> None:
 
 
 def read_provenance(path: str | Path) -> dict:
-    """Return the provenance that a product states: a JSON record's, or an HDF5 file's.
+    """Return the provenance stated in a product, a JSON record or an HDF5 file.
 
-    Raises :class:`OSError`, :class:`ValueError` or :class:`LookupError` where it states none.
+    Raises :class:`OSError`, :class:`ValueError` or :class:`LookupError` if it states none.
     """
     path = Path(path)
     if path.suffix == ".json":

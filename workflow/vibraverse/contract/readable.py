@@ -1,4 +1,4 @@
-"""Whether a file can be read, in words: missing, a folder, something else, or closed to the user."""
+"""Why a file cannot be read, in words: it does not exist, is a folder, is a device, or permission is denied."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from pathlib import Path
 
 
 def unreadable(path: str | Path, missing: str = "", folder: str = "name a file in it") -> str:
-    """Return what keeps ``path`` from being read as a file, to follow its name in a sentence; "" where nothing does.
+    """Return why ``path`` cannot be read as a file, to follow its name in a sentence; "" if it can.
 
-    ``missing`` and ``folder`` say what to do where it does not exist and where it is a folder.
+    ``missing`` and ``folder`` are the remedies for a path that does not exist and for a folder.
     """
     try:
         mode = os.stat(path).st_mode

@@ -2,8 +2,8 @@
 
 The library raises :class:`Refused`. The stage runner then writes one small JSON text, the refusal,
 in the place of every product of the stage and exits 0. A later stage that finds a refusal where it
-expects an input copies it to its own products, so the reason travels to the dataset and the report
-at the cost of a file copy. ``cat`` on any such product says what happened.
+expects an input copies it to its own products, so the reason reaches the dataset and the report
+at the cost of a file copy. ``cat`` on any such product shows what happened.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-#: Reason classes and the sentence a summary shows for each.
+#: Reasons, and the sentence that a summary shows for each.
 REASONS = {
     "unreadable": "the file could not be read as a mesh",
     "empty": "the file holds no triangles",
@@ -30,13 +30,13 @@ REASONS = {
 
 _MARK = '{"vibraverse_refusal": 1'
 _MAX_BYTES = 16384
-#: Characters of an error that a refusal repeats.
-_MAX_SAID = 200
+#: Characters of an error that a refusal quotes.
+_MAX_QUOTED = 200
 
 
 def said(error: Exception) -> str:
-    """Return what an error says, in one line that is not too long and ends without a stop."""
-    return " ".join(str(error).split())[:_MAX_SAID].rstrip(".") or type(error).__name__
+    """Return an error's message in one short line without a full stop."""
+    return " ".join(str(error).split())[:_MAX_QUOTED].rstrip(".") or type(error).__name__
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Refusal:
 
 
 def is_refusal(path: str | Path) -> bool:
-    """Whether a refusal stands at ``path``, and neither a product nor nothing."""
+    """Return whether ``path`` holds a refusal: not a product, and not nothing."""
     try:
         with open(path, "rb") as file:
             return file.read(len(_MARK)) == _MARK.encode()
@@ -70,7 +70,7 @@ def is_refusal(path: str | Path) -> bool:
 
 
 def read_refusal(path: str | Path) -> Refusal | None:
-    """Return the refusal stored at ``path``, or None when it holds a real product (or nothing)."""
+    """Return the refusal stored at ``path``, or None if it holds a product or does not exist."""
     try:
         with open(path, "rb") as file:
             head = file.read(_MAX_BYTES)

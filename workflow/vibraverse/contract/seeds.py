@@ -1,4 +1,4 @@
-"""Seeds come from what a thing is called, never from time or order."""
+"""Seeds from names, never from time or order."""
 
 from __future__ import annotations
 

@@ -1,10 +1,10 @@
-"""Which shard an object is in, and which shards a slice makes: stable hashes of ids, whatever else there is."""
+"""The shard of an object and the shards of a slice, from stable hashes of ids: other objects do not matter."""
 
 from __future__ import annotations
 
 from vibraverse.contract.seeds import stable_hash
 
-#: Instead of a slice: what is made of all shards, once the slices have made them.
+#: The value of ``slice`` for the run that makes the dataset of all shards, once the slices have made them.
 JOIN = "join"
 
 
@@ -14,7 +14,7 @@ def shard_of(object_id: str, shards: int) -> int:
 
 
 def slice_numbers(text: str) -> tuple[int, int]:
-    """Return (i, n) of the slice ``i/n``, 1 ≤ i ≤ n; raise ``ValueError`` with a sentence for anything else."""
+    """Return (i, n) of the slice ``i/n``, 1 ≤ i ≤ n; raise ``ValueError`` with one sentence for anything else."""
     first, _, second = text.partition("/")
     if first.isdecimal() and second.isdecimal() and 1 <= int(first) <= int(second):
         return int(first), int(second)
@@ -24,7 +24,7 @@ def slice_numbers(text: str) -> tuple[int, int]:
 def shards_of_slice(text: str, shards: int) -> list[int]:
     """Return the shards that the slice ``i/n`` makes: those whose number is i - 1 modulo n.
 
-    A shard belongs to one slice of n, whole, so slices neither share work nor leave any out.
+    Each whole shard belongs to exactly one of the n slices, so slices neither share work nor omit any.
     """
     number, slices = slice_numbers(text)
     return list(range(number - 1, shards, slices))

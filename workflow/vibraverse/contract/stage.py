@@ -1,8 +1,8 @@
-"""How a stage runs: files in, files out, refusals passed on.
+"""The runner of a stage: files in, files out, refusals passed on.
 
-:func:`run` gives every stage its contract: the log opens with the command that repeats it, refused inputs are passed on
-at no cost, products appear whole or not at all, a refusal is written where the products would have been, and the
-journal of the run says who works and what each job took.
+:func:`run` keeps the contract of every stage. The log opens with the command that repeats the job. Refused inputs are
+passed on at no cost. Products appear whole or not at all; a refusal takes their place. The journal of the run says
+which jobs work and what each took.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from vibraverse.contract.step import SHARD, Step
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
-#: The file by which Snakemake keeps the time of a folder.
+#: The file in which Snakemake keeps the modification time of a folder.
 _TIMESTAMP = ".snakemake_timestamp"
 
 
@@ -37,9 +37,8 @@ _TIMESTAMP = ".snakemake_timestamp"
 class Job:
     """One run of a stage: resolved inputs, the paths to write to, the validated options.
 
-    ``outputs`` are temporary paths beside the final ones, of folders there already; whatever the stage writes there is
-    renamed into place when it returns. What must not happen before that, it puts into ``afterwards``; a killed job may
-    leave it undone.
+    ``outputs`` are temporary paths beside the final ones; folders exist already. They are renamed into place when the
+    stage returns. ``afterwards`` holds what must not happen before that; it may remain undone when the job is killed.
     """
 
     step: Step
@@ -54,15 +53,15 @@ class Job:
 
     @property
     def work_folder(self) -> Path:
-        """Where :attr:`work` is, or would be: beside the first product."""
+        """The path of :attr:`work`, which may not exist: beside the first product."""
         return products.work_folder(next(iter(self.final.values())))
 
     @cached_property
     def work(self) -> Path:
-        """The folder for what the stage keeps between attempts, made when first asked for.
+        """The folder for what the stage keeps between attempts, made on first use.
 
-        It survives a kill and a retry, and goes when the products are published. One that was begun with other inputs,
-        options or versions is emptied. A file in it may be half-written: write those aside and rename them.
+        It survives a kill and a retry, and is removed when the products are published. A folder from other inputs,
+        options or versions is emptied. A kill may leave half-written files in it: write aside and rename.
         """
         folder = self.work_folder
         begun, made_of = folder / "made-of.json", products.as_json(self.provenance())
@@ -75,7 +74,7 @@ class Job:
     def provenance(self, *written: str) -> dict:
         """Return versions, options and checksums, the same for the same inputs.
 
-        ``written`` names the outputs that are complete, besides the one that will hold this; their checksums are in it.
+        ``written`` names the complete outputs whose checksums it includes; the one that will hold it is none of them.
         """
         versions = products.library_versions(self.step.libraries)
         outputs = {"output_sha256": _checksums(self.outputs, written)} if written else {}
@@ -99,7 +98,7 @@ class Job:
 
 
 def _checksums(files: Mapping[str, Path | list[Path]], names) -> dict:
-    """Return the SHA-256 of files by argument; of several, and of those in a folder, by their names."""
+    """Return the SHA-256 of files by argument; for a list and for a folder, by argument and file name."""
     found = {}
     for name in names:
         path = files[name]
@@ -119,9 +118,9 @@ def _flat(paths: dict[str, Path | list[Path]]) -> list[Path]:
 
 
 def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
-    """Run a job, whose stage does ``work``; it ends with products, or with a refusal in their place.
+    """Run a job by calling ``work`` of its stage; it ends with products, or with a refusal in their place.
 
-    Raises :class:`UsageError` for inputs that do not exist and :class:`NotStored` where products cannot be written.
+    Raises :class:`UsageError` for inputs that do not exist and :class:`NotStored` if products cannot be written.
     """
     print(shlex.join(command), file=sys.stderr, flush=True)
     mark, outcome = _begin(job), journal.FAILED
@@ -129,11 +128,11 @@ def run(job: Job, work: Callable[[Job], None], command: list[str]) -> None:
         outcome = _run(job, work)
     finally:
         if mark is not None:
-            journal.end(mark, outcome, _cpu_s(), _most_mb())
+            journal.end(mark, outcome, _cpu_s(), _peak_mb())
 
 
 def _begin(job: Job) -> journal.Mark | None:
-    """Let the journal of the run, where there is one, say that this job works."""
+    """Mark this job as begun in the journal of its run, if a run started it."""
     shard = next(iter(job.final.values())).stem if job.step.per == SHARD else ""
     try:
         return journal.begin(job.step.name, job.object or shard, job.solidity)
@@ -147,31 +146,31 @@ def _run(job: Job, work: Callable[[Job], None]) -> str:
     own = [path for name, path in job.inputs.items() if name not in job.step.chained]
     for path in _flat(job.inputs):
         wrong = unreadable(path, missing="name an existing file")
-        # A closed file of the user's is the stage's to refuse.
+        # The stage itself refuses a user's file that exists but cannot be read.
         if wrong and not (path in own and path.is_file()):
             raise UsageError(f"{job.step.name}: the input {path} {wrong}")
     for name in job.step.folders:
-        _check_ours(job.step, name, job.final[name])
+        _check_replaceable(job.step, name, job.final[name])
     started, cpu_before = time.perf_counter(), _cpu_s()
     with _storing(job):
-        passed_on = _passed_on(job)
+        passed_on = _pass_on(job)
         refused = passed_on or _make(job, work)
         products.remove(job.work_folder)
     if refused is not None:
-        _tell(refused)
+        _print_refusal(refused)
         return journal.PASSED_ON if passed_on else journal.REFUSED
     seconds = time.perf_counter() - started
     for path in job.final.values():
         print(f"wrote {path}", file=sys.stderr)
     print(
-        f"{job.step.name}: done in {seconds:.1f} s, {_cpu_s() - cpu_before:.1f} s of CPU, at most {_most_mb()} MB",
+        f"{job.step.name}: done in {seconds:.1f} s, {_cpu_s() - cpu_before:.1f} s of CPU, at most {_peak_mb()} MB",
         file=sys.stderr,
     )
     return journal.DONE
 
 
-def _passed_on(job: Job) -> Refusal | None:
-    """Put the refusal of an input, where there is one, in the products' place; return it."""
+def _pass_on(job: Job) -> Refusal | None:
+    """Write the refusal of an input in the products' place; return it, or None if no input is refused."""
     for path in _flat(job.inputs) if job.step.passes_refusals else ():
         refusal = read_refusal(path)
         if refusal is not None:
@@ -181,7 +180,7 @@ def _passed_on(job: Job) -> Refusal | None:
 
 
 def _make(job: Job, work: Callable[[Job], None]) -> Refusal | None:
-    """Make the products, or put a refusal in their place; return it."""
+    """Make the products, or write a refusal in their place; return the refusal, or None."""
     for path in job.final.values():
         path.parent.mkdir(parents=True, exist_ok=True)
         products.remove_partials(path)
@@ -214,12 +213,12 @@ def _write_refusal(job: Job, refusal: Refusal) -> None:
             output.record_in(partial).write_text(refusal.to_text(), encoding="utf-8")
 
 
-def _tell(refusal: Refusal) -> None:
+def _print_refusal(refusal: Refusal) -> None:
     print(f"refused ({refusal.reason}): {refusal.message} {refusal.advice}".strip(), file=sys.stderr)
 
 
-def _check_ours(step: Step, name: str, folder: Path) -> None:
-    """Raise :class:`UsageError` where a folder that is to be replaced holds what the stage did not write."""
+def _check_replaceable(step: Step, name: str, folder: Path) -> None:
+    """Raise :class:`UsageError` if an existing output folder holds files that the stage did not write."""
     if not folder.exists():
         return
     if not folder.is_dir():
@@ -228,7 +227,7 @@ def _check_ours(step: Step, name: str, folder: Path) -> None:
     try:
         written = set(products.read_provenance(record)["output_sha256"][name])
     except (OSError, ValueError, LookupError, TypeError):
-        written = set()  # no record, a refusal, or anything else
+        written = set()  # no record, a refusal, or something unknown
     found = {path.name for path in folder.iterdir()}
     strange = sorted(found - written - {record.name, _TIMESTAMP})
     if strange:
@@ -240,7 +239,7 @@ def _check_ours(step: Step, name: str, folder: Path) -> None:
 
 @contextmanager
 def _storing(job: Job):
-    """Say of which stage the products are that cannot be stored."""
+    """Prefix the error about products that cannot be stored with the stage's name."""
     try:
         with products.storing(*job.final.values()):
             yield
@@ -249,11 +248,11 @@ def _storing(job: Job):
 
 
 def _cpu_s() -> float:
-    """Return the CPU seconds of this process, all its threads, and the children that it waited for."""
+    """Return the CPU time in seconds of this process with all its threads and the children that it waited for."""
     return sum(os.times()[:4])
 
 
-def _most_mb() -> int:
-    """Return the most memory that this process or its largest child had, in MB; libraries count in both."""
+def _peak_mb() -> int:
+    """Return the peak memory of this process or its largest child in MB; libraries count in both."""
     who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
     return max(resource.getrusage(one).ru_maxrss for one in who) // 1024

@@ -1,4 +1,4 @@
-"""What a stage promises: its inputs, outputs, record and options. The table of all stages is ``flow/steps.py``."""
+"""The step: a stage's inputs, outputs, record and options. The table of all stages is ``flow/steps.py``."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-#: What there is one job for: an object, a body of it, a shard, the dataset, a body whose frequencies are known, all
-#: of these.
+#: What a stage has one job for: an object, one of its bodies, a shard, the dataset, a body with known frequencies, or
+#: the whole validation.
 OBJECT, BODY, SHARD, DATASET, KNOWN_BODY, VALIDATION = (
     "object",
     "body",
@@ -19,7 +19,7 @@ OBJECT, BODY, SHARD, DATASET, KNOWN_BODY, VALIDATION = (
 
 
 def option(name: str) -> str:
-    """Return the option of the command line by which an input or output is named."""
+    """Return the command-line option that names an input or output."""
     return f"--{name.replace('_', '-')}"
 
 
@@ -27,7 +27,7 @@ def option(name: str) -> str:
 class Input:
     """A file that a stage reads: what it holds, and the pattern of its path (an attribute of ``Paths``).
 
-    Without a pattern it is the user's own file. ``many`` files may be named at once, an ``optional`` one left out.
+    Without a pattern it is the user's own file. ``many`` allows several files, ``optional`` allows none.
     """
 
     pattern: str
@@ -40,7 +40,7 @@ class Input:
 class Output:
     """A product of a stage: the name of its pattern in ``Paths``, its path below the results folder, what it holds.
 
-    The path bears the wildcards of the step. A folder of files names the file in it that is its ``record``.
+    The path carries the wildcards of the step. For a folder, ``record`` is the name of the record file in it.
     """
 
     pattern: str
@@ -50,20 +50,20 @@ class Output:
     optional: bool = False
 
     def record_in(self, place: Path) -> Path:
-        """Return where a refusal stands for the product at ``place``: there, or in the record of a folder."""
+        """Return the path that holds the refusal of the product at ``place``: itself, or the record in a folder."""
         return place / self.record if self.record else place
 
 
 @dataclass(frozen=True, eq=False)
 class Step:
-    """The contract of one stage, whose work is ``run(job)`` in ``vibraverse.stages.<name>``.
+    """The contract of one stage; ``run(job)`` in ``vibraverse.stages.<name>`` does its work.
 
-    ``version`` reruns the stage everywhere when it is raised: raise it when products change for the same inputs.
-    ``per`` is what there is one job for, and ``only`` the one body that needs it. ``family`` names its environment and
-    image. ``record`` is the output that states the provenance. ``options`` names its configuration section, as
-    ``module:Class`` below ``vibraverse.config``. ``libraries`` are the distributions whose versions products state,
-    ``imports`` the modules that its work loads, and ``packed`` is where an object's group of a shard holds its record.
-    With ``passes_refusals`` off the stage reads refused inputs itself.
+    Raise ``version`` when products change for the same inputs: it reruns the stage everywhere. ``per`` is what the
+    stage has one job for, ``only`` the one body that needs it. ``family`` names its environment and image. ``record``
+    is the output that states the provenance. ``options`` is its configuration section, as ``module:Class`` below
+    ``vibraverse.config``. ``libraries`` are the distributions whose versions products state. ``imports`` are the
+    modules that its work loads. ``packed`` is the path of its record within an object's group of a shard. Without
+    ``passes_refusals`` the stage reads refused inputs itself.
     """
 
     name: str
@@ -99,5 +99,5 @@ class Step:
         return {name: output for name, output in self.outputs.items() if output.record}
 
     def bodies(self, solidities: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the bodies that the stage has a job for; "" for a job of the whole object."""
+        """Return the bodies that the stage has jobs for; "" stands for the whole object."""
         return solidities if self.per == BODY else ("",)

@@ -1,1 +1,1 @@
-"""What is made from what, and for which objects."""
+"""The flow: which stage makes what from what, and for which objects."""

@@ -1,7 +1,7 @@
-"""Which products an object has, in the order they are made, and where a refusal stands among them.
+"""The chain of an object: its products in the order they are made, and the refusals among them.
 
-A refusal is copied down the chain, so the first refused product tells at which stage it began. The dataset, the
-index and ``vibraverse refusals`` all ask here.
+A refusal is copied down the chain, so the first refused product shows the stage that refused. The dataset, the index
+and ``vibraverse refusals`` use this module.
 """
 
 from __future__ import annotations
@@ -16,24 +16,24 @@ from vibraverse.flow.steps import CHAIN
 
 
 def chain_of(solidity: str = "") -> tuple[Step, ...]:
-    """Return the stages of the object itself, or those of one of its bodies alone, in the order of the chain."""
+    """Return the stages of the object, or with ``solidity`` those of that body alone, in the order of the chain."""
     if not solidity:
         return tuple(step for step in CHAIN if step.per == OBJECT and not step.only)
     return tuple(step for step in CHAIN if step.per == BODY or step.only == solidity)
 
 
 class Refusals(NamedTuple):
-    """What is refused of one object: the whole of it, or single bodies, or nothing."""
+    """The refusals of one object: of the whole object, of single bodies, or none."""
 
     object: Refusal | None
     bodies: dict[str, Refusal]
 
     def is_refused(self, solidities) -> bool:
-        """Whether nothing of the object is left: it is refused itself, or every one of its bodies is."""
+        """Return whether nothing of the object is left: it is refused as a whole, or each of its bodies is."""
         return self.object is not None or all(name in self.bodies for name in solidities)
 
     def rows(self, object_id: str) -> list[dict[str, str]]:
-        """Return the rows of ``refusals.tsv``: one for the object, or one for each refused body."""
+        """Return the rows of ``refusals.tsv``: one for the whole object, or one per refused body."""
         found = {"": self.object} if self.object else self.bodies
         return [
             {
@@ -49,7 +49,7 @@ class Refusals(NamedTuple):
 
 
 def refusals_of(paths: Paths, object_id: str, solidities=SOLIDITIES) -> Refusals:
-    """Return what is refused of an object, by the first refused product of the object and of each body."""
+    """Return the refusals of an object, from the first refused product of the object and of each body."""
     at_object = _first(paths, object_id)
     bodies = {}
     for solidity in solidities if at_object is None else ():
@@ -60,9 +60,9 @@ def refusals_of(paths: Paths, object_id: str, solidities=SOLIDITIES) -> Refusals
 
 
 def stage_products(paths: Paths, object_id: str, solidities, folders: bool = False) -> list[str]:
-    """Return one product per stage that worked on the object and on these bodies: those that state their provenance.
+    """Return the record of each stage of the object and of these bodies.
 
-    With ``folders``, the folder where it lies in one: that is what Snakemake knows.
+    With ``folders``, return the folder of a record that lies in one, because Snakemake knows only the folder.
     """
     return [
         place if folders else str(step.outputs[step.record].record_in(Path(place)))
@@ -79,12 +79,12 @@ def objects_in(paths: Paths) -> list[str]:
 
 
 def shards_in(dataset: str | Path) -> list[Path]:
-    """Return the shards in a dataset's folder, sorted, without those that a killed job left half-written."""
+    """Return the shards in a dataset's folder, sorted, without the partial files of killed jobs."""
     return [shard for shard in sorted(Path(dataset, "shards").glob("*.h5")) if not shard.name.startswith(".")]
 
 
 def _first(paths: Paths, object_id: str, solidity: str = "") -> Refusal | None:
-    """Return the first refusal among the products of an object, or of a body: one stands in all of a stage's."""
+    """Return the first refusal among the records of an object or a body; all products of a stage hold the same one."""
     for step in chain_of(solidity):
         output = step.outputs[step.record]
         place = Path(paths.named(output.pattern, object=object_id, solidity=solidity))

@@ -1,8 +1,8 @@
 """Every path pattern of the workflow, in one place.
 
-Patterns carry Snakemake's wildcards, ``{object}`` and ``{solidity}`` mostly; :meth:`Paths.at` fills them in. Those of
-products are said in ``flow/steps.py``. Rules, targets, the dataset and the report take paths from here and never build
-them by hand.
+Patterns carry Snakemake's wildcards, mostly ``{object}`` and ``{solidity}``; :meth:`Paths.at` fills them in. The
+patterns of products come from ``flow/steps.py``. Rules, targets, the dataset and the report take paths from here and
+never build them by hand.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ SOLIDITIES = ("solid", "hollow")
 
 
 class Paths:
-    """The path patterns below one results folder: those of all stages' products, by their names, and a few besides."""
+    """The path patterns below one results folder: the products of all stages, by name, and a few others."""
 
     def __init__(self, results: str | Path = "results"):
-        # Without a stroke at the end or a leading ./, as all paths from here on.
+        # Path() drops a trailing slash and a leading "./", so that all paths compare as strings.
         self.results = str(Path(results))
         for step in STEPS:
             for output in step.outputs.values():
@@ -39,16 +39,16 @@ class Paths:
 
     @staticmethod
     def at(pattern: str, **wildcards: str) -> str:
-        """Fill in the wildcards of a pattern."""
+        """Return a pattern with its wildcards filled in."""
         return pattern.format(**wildcards)
 
     def named(self, name: str, **wildcards: str) -> str:
-        """Return the path of the pattern of this name with its wildcards filled in."""
+        """Return the pattern of this name with its wildcards filled in."""
         pattern = getattr(self, name)
         return self.at(pattern(SimpleNamespace(**wildcards)) if callable(pattern) else pattern, **wildcards)
 
     def boundary(self, wildcards) -> str:
-        """Return the surface that bounds a body: the object's own, or the one with the cavity."""
+        """Return the pattern of the surface that bounds a body: the object's own, or the one with the cavity."""
         return self.surface if wildcards.solidity == "solid" else self.hollow_surface
 
     def log(self, stage: str, *wildcards: str) -> str:

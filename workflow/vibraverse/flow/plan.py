@@ -1,7 +1,7 @@
 """What a configuration asks for: the objects, and the options of every stage for each of them.
 
-The Snakefile holds one :class:`Plan`. A rule takes from it only the block its stage uses, as JSON; Snakemake keeps
-that text as a parameter of the job, so a change reruns exactly what depends on it.
+The Snakefile holds one :class:`Plan`. A rule takes from it only the block that its stage uses, as JSON. Snakemake
+keeps that text as a parameter of the job, so a change reruns exactly what depends on it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from vibraverse.contract.slices import JOIN, shard_of, shards_of_slice
 from vibraverse.flow.paths import Paths
 from vibraverse.sources.catalogue import Entry, catalogue
 
-#: What a dataset does not depend on: where things lie, which part of them a run makes, and what is made of it.
+#: Keys that do not affect the dataset: locations, the slice of a run, the report.
 _NOT_RECORDED = {
     "results": True,
     "slice": True,
@@ -25,14 +25,14 @@ _NOT_RECORDED = {
     "report": True,
 }
 
-#: Objects of a shard: as many at most, some 20 GB, and as many as make it a file of 2 GB.
-MOST_IN_A_SHARD, GOOD_IN_A_SHARD = 1000, 100
+#: Objects in a shard: the maximum makes a file of about 20 GB, the recommended number one of about 2 GB.
+MAX_SHARD_OBJECTS, GOOD_SHARD_OBJECTS = 1000, 100
 
 
 class Plan:
     """The objects of a configuration, or of its slice, and the options of their stages.
 
-    ``owned`` are the numbers of the shards that a slice makes, None where the run makes or joins all.
+    ``owned`` holds the numbers of the shards that a slice makes; None if the run makes or joins all.
     """
 
     def __init__(self, values: dict | Config):
@@ -71,15 +71,15 @@ class Plan:
 
     def _check_shards(self, objects: int) -> None:
         most = max(map(len, self.shards.values()), default=0)
-        if most > MOST_IN_A_SHARD:
+        if most > MAX_SHARD_OBJECTS:
             raise ConfigError(
                 f"dataset.shards: {self.config.dataset.shards} files for {objects:,} objects put {most:,} into one, "
-                f"and {MOST_IN_A_SHARD:,} are the most; set it to {-(-objects // GOOD_IN_A_SHARD)} or so: a file is "
-                f"written as a whole, and some {GOOD_IN_A_SHARD} objects are a good size"
+                f"and {MAX_SHARD_OBJECTS:,} are the most; set it to {-(-objects // GOOD_SHARD_OBJECTS)} or so: a file is "
+                f"written as a whole, and some {GOOD_SHARD_OBJECTS} objects are a good size"
             )
 
     def shard_of(self, object_: str) -> str:
-        """Return the shard an object belongs to, by a stable hash of its id."""
+        """Return the name of the object's shard, from a stable hash of its id."""
         return self._name(shard_of(object_, self.config.dataset.shards))
 
     @staticmethod
@@ -87,7 +87,7 @@ class Plan:
         return f"{shard:05d}"
 
     def options(self, stage: str, object_: str = "", shard: str = "") -> str:
-        """Return the JSON block a stage uses, for one object or shard where it differs between them."""
+        """Return the JSON block that a stage uses, for one object or shard if they differ."""
         config = self.config
         if stage == "sources":
             values = self.objects[object_].options
@@ -113,17 +113,17 @@ class Plan:
             values = config.dataset.model_dump(include={"splits", "stratify", "card"})
         else:
             values = getattr(config, stage).model_dump(mode="json")
-        return sys.intern(json.dumps(values, ensure_ascii=False))  # kept once for jobs that are told the same
+        return sys.intern(json.dumps(values, ensure_ascii=False))  # jobs with equal options share one string
 
     def configuration(self) -> str:
-        """Return the configuration with every default filled in, as YAML: all of it that the dataset depends on."""
+        """Return the part of the configuration that affects the dataset, with every default filled in, as YAML."""
         import yaml
 
         values = self.config.model_dump(mode="json", exclude=_NOT_RECORDED)
         return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, default_flow_style=None, width=120)
 
     def modes_class(self) -> str:
-        """Return the resource class of stage ``modes``: heavy where a material may have to be solved on the mesh."""
+        """Return the resource class of stage ``modes``: ``solver`` if a material may have to be solved on the mesh."""
         basis = self.config.basis
         low, high = basis.poisson_range
         inside = all(low <= material.poisson <= high for material in self.config.materials.values())

@@ -1,12 +1,12 @@
-"""Resource classes of the rules: how much memory and time a kind of job asks for.
+"""Resource classes of the rules: the memory and time that a kind of job asks for.
 
 A workstation schedules by threads; a cluster takes these as limits. Memory doubles and time grows with every
-attempt, because only a failing machine makes a job run again.
+attempt, because Snakemake retries only jobs that failed on their machine.
 """
 
 from __future__ import annotations
 
-#: Class -> memory in MB and minutes of the first attempt.
+#: Class -> memory in MB and run time in minutes, for the first attempt.
 CLASSES = {
     "light": (1000, 10),
     "geometry": (4000, 30),

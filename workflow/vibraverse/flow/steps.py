@@ -1,6 +1,6 @@
-"""Every stage, said once: what it reads and writes, per what, in which environment, and its version.
+"""The table of all stages: what each reads and writes, what it has one job for, its environment and its version.
 
-Rules say the same for Snakemake and its reader, and a test holds both together. Lineage, refusals, ``strike``,
+The rules state the same for Snakemake and their readers; a test compares the two. Lineage, refusals, ``strike``,
 ``provenance``, ``repair``, ``status``, the command line, the warm process and the check of the images derive from this
 table.
 """
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from vibraverse.contract.step import BODY, DATASET, KNOWN_BODY, OBJECT, SHARD, VALIDATION, Input, Output, Step
 
-#: What readers of mesh files import when they read.
+#: Modules that the readers of mesh files import when they read.
 _READERS = ("vibraverse.files.reading.rows", "vibraverse.files.reading.scene")
 _SCIPY = ("scipy.interpolate", "scipy.ndimage", "scipy.optimize")
 _VTK = ("vtkmodules.vtkFiltersCore", "vtkmodules.vtkInteractionWidgets", "vtkmodules.vtkViewsContext2D")
@@ -361,8 +361,8 @@ STEPS = (
 #: Stages by name.
 BY_NAME = {step.name: step for step in STEPS}
 
-#: The stages that every object goes through, in the order of the chain.
+#: Stages of objects and bodies, in the order of the chain.
 CHAIN = tuple(step for step in STEPS if step.per in (OBJECT, BODY))
 
-#: Version of each stage; every rule carries its stage's as a parameter.
+#: Version of each stage; every rule carries the version of its stage as a parameter.
 VERSIONS = {step.name: step.version for step in STEPS}

@@ -1,4 +1,4 @@
-"""Every list of files a rule asks for, in one place."""
+"""Every list of files that a rule asks for, in one place."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from vibraverse.validation.bodies import BODIES
 
 
 def sounds(plan: Plan) -> list[str]:
-    """Return the patterns of the sounds and their record of one body, with the wildcards left open."""
+    """Return the patterns of one body's sounds and their record, with the wildcards left open."""
     names = plan.config.audio.names(plan.config.materials)
     return [*(plan.paths.sound.replace("{material}", name) for name in names), plan.paths.audio_record]
 
 
 def views(plan: Plan) -> list[str]:
-    """Return the patterns of the pictures and their record of one object, with the wildcard left open."""
+    """Return the patterns of one object's pictures and their record, with the wildcard left open."""
     names = plan.config.images.names()
     return [*(plan.paths.view.replace("{look}-{view}", name) for name in names), plan.paths.images_record]
 
@@ -25,7 +25,7 @@ def views(plan: Plan) -> list[str]:
 def shard_products(plan: Plan, shard: str) -> list[str]:
     """Return one product of every job that the objects of a shard need.
 
-    Naming all of them would double the files that Snakemake keeps in mind: 9 GB for 50,000 objects.
+    Naming all products would double the files in Snakemake's memory: 9 GB for 50,000 objects.
     """
     return [
         product
@@ -40,69 +40,69 @@ def shards(plan: Plan) -> list[str]:
 
 
 def kept_splits(plan: Plan) -> list[str]:
-    """Return the splits of an earlier dataset, where they are to be kept."""
+    """Return the splits table of an earlier dataset, if the configuration keeps one."""
     kept = plan.config.dataset.keep_splits
     return [os.path.expanduser(kept)] if kept else []
 
 
 def kept_splits_argument(plan: Plan) -> str:
-    """Return how the stage ``index`` is told of them, for the shell."""
+    """Return the option that names the kept splits to the stage ``index``, for the shell."""
     return " ".join(f"--kept={quote(path)}" for path in kept_splits(plan))
 
 
 def struck(plan: Plan) -> dict[str, str]:
-    """Return the input of the rule ``audio`` for struck points: the basis, and where there are none, nothing.
+    """Return the input of the rule ``audio`` for struck points: the basis, or nothing without such points.
 
-    Without it a plan of many objects takes a twentieth less time.
+    Leaving it out saves a twentieth of the time to plan many objects.
     """
     return {"basis": plan.paths.basis} if plan.config.audio.points else {}
 
 
 def struck_argument(plan: Plan) -> str:
-    """Return how that stage is told of it, in the words of a rule's command."""
+    """Return the option that names the basis to the stage ``audio``, with Snakemake's placeholder."""
     return "--basis {input.basis:q}" if struck(plan) else ""
 
 
 def everything(plan: Plan) -> list[str]:
-    """Return what a run makes in the end: a slice makes its shards, every other run the report, verdict and dataset."""
+    """Return the targets of a run: the shards for a slice, else the report, verdict and dataset."""
     if plan.owned is not None:
         return shards(plan)
     paths = plan.paths
-    # Others than the first two because results of before they were made would never get them else.
+    # The dataset's later files are named too; otherwise results made by earlier versions would never get them.
     last = (paths.report, paths.verdict)
     return [*last, paths.dataset_config, paths.dataset_sums, paths.index_parquet, paths.index_columns]
 
 
 def missing_shards(plan: Plan) -> list[str]:
-    """Return the shards that are not there."""
+    """Return the shards that do not exist."""
     return [path for path in shards(plan) if not os.path.isfile(path)]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:
-    """Return the mesh file an object is read from: one for objects of origin ``files``, else none.
+    """Return the mesh file of an object of origin ``files``; ``[]`` for other origins.
 
-    A file that may not be read is none either: Snakemake would stop at it, the stage refuses it.
+    An unreadable file is left out too: Snakemake would stop the run at it, whereas the stage refuses the object.
     """
     path = plan.objects[object_].input
     return [str(path)] if path and os.access(path, os.R_OK) else []
 
 
 def source_argument(plan: Plan, object_: str) -> str:
-    """Return how the stage ``sources`` is told the mesh file of an object, for the shell."""
+    """Return the option that names an object's mesh file to the stage ``sources``, for the shell."""
     path = plan.objects[object_].input
     return f"--file={quote(str(path))}" if path else ""
 
 
 def validation_comparisons(plan: Plan) -> list[str]:
-    """Return the comparisons of all bodies whose frequencies are known."""
+    """Return the comparison files of all bodies with known frequencies."""
     return [plan.paths.at(plan.paths.validation_comparison, body=body) for body in BODIES]
 
 
 def validation_done(plan: Plan) -> list[str]:
-    """Return the record of the validation where it was run, else nothing: the report shows what there is."""
+    """Return the record of the validation if it exists, else nothing; the report shows it only then."""
     return [plan.paths.validation_record] if os.path.exists(plan.paths.validation_record) else []
 
 
 def validation_argument(plan: Plan) -> str:
-    """Return how the stage ``report`` is told the validation, for the shell."""
+    """Return the option that names the validation to the stage ``report``, for the shell."""
     return " ".join(f"--validation={quote(path)}" for path in validation_done(plan))

@@ -1,1 +1,1 @@
-"""What a run asks of its machine."""
+"""Everything that a run needs from its machine: locks, threads, GPUs, Slurm, images, Snakemake itself."""

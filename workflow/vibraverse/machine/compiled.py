@@ -1,7 +1,7 @@
-"""Compiled loops from storage that cannot be written, as an image's is.
+"""Numba's compiled loops from a read-only cache, such as an image's.
 
-Numba takes a compiled loop from a folder only if it could also write there; otherwise it compiles anew, half a minute
-for each job of geometry. So a process in an image gets a copy of the image's loops (1 MB), which lives as long as it.
+Numba reads its cache only from a writable folder. Otherwise it compiles anew, which takes half a minute per geometry
+job. So a process in an image works on its own copy of the image's cache (1 MB), which is removed when it ends.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ import sys
 
 
 def use_compiled_loops() -> None:
-    """Let Numba find the loops of ``NUMBA_CACHE_DIR`` where that is read-only; call before Numba is imported."""
+    """Copy a read-only ``NUMBA_CACHE_DIR`` to a writable folder; call before Numba is imported."""
     kept = os.environ.get("NUMBA_CACHE_DIR", "")
-    if "numba" in sys.modules:  # a fork of a warm process has them
+    if "numba" in sys.modules:  # a fork of a warm process has the loops in memory
         return
     if not os.path.isdir(kept) or os.access(kept, os.W_OK):
         return

@@ -1,7 +1,7 @@
-"""What a run shows: bars on a terminal, a line a minute without one, errors at once, and what was made at its end.
+"""The output of a run: bars on a terminal, else a line a minute; errors at once; a summary at the end.
 
-Snakemake's own log file keeps every line. Where nothing runs (``-n``, ``--lint``, ``--unlock``), or less is asked for
-(``--quiet``) or more (``--verbose``, ``-p``), Snakemake's own lines are shown.
+Snakemake's own log file keeps every line. Snakemake's own output is shown if no job runs (``-n``, ``--lint``,
+``--unlock``), or if the user asks for less (``--quiet``) or more (``--verbose``, ``-p``).
 """
 
 from __future__ import annotations
@@ -17,25 +17,25 @@ from collections.abc import Iterable, Mapping
 
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from vibraverse.contract.texts import counted, duration
+from vibraverse.contract.texts import and_more, counted, duration
 from vibraverse.machine import internals
 from vibraverse.machine.tally import Job, Stage, Tally
 
-#: Lines of a failed job's log that are shown.
-LAST_LINES = 20
-#: Failed jobs that the end names.
-_NAMED = 10
-#: What is shown of Snakemake's other messages while jobs run, besides warnings and errors.
-_TOLD = ("Trying to restart", "Terminating processes", "Will exit after", "Shutting down")
-#: What is not shown: what holds for every run, and what a failed job's own text and the end say better.
-_NOISE = (
+#: Lines shown from the end of a failed job's log.
+SHOWN_LOG_LINES = 20
+#: Failed jobs that the summary names.
+_SHOWN_FAILURES = 10
+#: Beginnings of Snakemake's messages that are shown while jobs run, besides warnings and errors.
+_SHOWN_MESSAGES = ("Trying to restart", "Terminating processes", "Will exit after", "Shutting down")
+#: Beginnings of messages that are hidden: they hold for every run, or repeat a failure or the summary.
+_HIDDEN_MESSAGES = (
     "Assuming unrestricted shared", "Using shell", "Conda environments: ignored", "Singularity containers: ignored",
     "Select jobs to execute", "RuleException:\nCalledProcessError", "Exiting because a job execution failed",
     "WorkflowError:\nAt least one job did not complete",
 )  # fmt: skip
-_LOG_FILE = "Complete log"
-#: Events that are shown, if at all, as bars and lines.
-_COUNTED = (
+_LOG_FILE_MESSAGE = "Complete log"
+#: Events that appear in bars and lines only.
+_COUNTED_EVENTS = (
     LogEvent.RUN_INFO,
     LogEvent.RESOURCES_INFO,
     LogEvent.JOB_STARTED,
@@ -45,7 +45,7 @@ _COUNTED = (
 
 
 class Console:
-    """Takes Snakemake's records and shows them. ``settings`` are Snakemake's for its output."""
+    """The handler that shows Snakemake's log records; ``settings`` are Snakemake's output settings."""
 
     def __init__(self, settings, every_s: float, stream=None, tally: Tally | None = None):
         self._stream = stream or (sys.stdout if settings.stdout else sys.stderr)
@@ -60,7 +60,7 @@ class Console:
         self._log_file = ""
 
     def take(self, record: logging.LogRecord) -> None:
-        """Show a record, or count it."""
+        """Show a log record, or count it."""
         if not self._shows:
             self._plain.handle(record)
             return
@@ -69,7 +69,7 @@ class Console:
             record.getMessage(),
             self._tally.began is not None,
         )
-        if event is None and begun and message.startswith(_LOG_FILE):
+        if event is None and begun and message.startswith(_LOG_FILE_MESSAGE):
             self._log_file = message
         elif event == LogEvent.RUN_INFO:
             with self._lock:
@@ -85,16 +85,16 @@ class Console:
             self._view.say(
                 failure(job or Job(record.rule_name, "", record.output, record.log), record), "red"
             )
-        elif event in _COUNTED or message.startswith(_NOISE):
+        elif event in _COUNTED_EVENTS or message.startswith(_HIDDEN_MESSAGES):
             pass
         elif not begun:
             self._plain.handle(record)
-        elif record.levelno >= logging.WARNING or (event is None and message.startswith(_TOLD)):
+        elif record.levelno >= logging.WARNING or (event is None and message.startswith(_SHOWN_MESSAGES)):
             color = "red" if record.levelno >= logging.ERROR else "yellow"
             self._view.say(self._plain.format(record), color)
 
     def _begin(self, record) -> None:
-        """Count a job that begins; the first one begins the progress."""
+        """Count a job that begins; start the progress with the first one."""
         about = ", ".join(str(value) for value in dict(record.wildcards or {}).values())
         first = self._tally.began is None
         with self._lock:
@@ -103,7 +103,7 @@ class Console:
             self._view.start()
 
     def close(self) -> None:
-        """End the progress and show what the run made."""
+        """End the progress and print the summary."""
         if self._view.stop():
             with self._lock:
                 text = summary(self._tally, self._log_file)
@@ -111,7 +111,7 @@ class Console:
 
 
 def failure(job: Job, record) -> str:
-    """Return what is to be said of a failed job: its rule and object, why, and the last lines of its logs."""
+    """Return the text about a failed job: its rule and object, the reason, and the last lines of its logs."""
     lines = [f"failed: {job}"]
     why = " ".join(str(record.rule_msg or "").split())
     lines += [f"    {why}"] if why else []
@@ -130,13 +130,13 @@ def failure(job: Job, record) -> str:
 def _last_lines(path: str) -> Iterable[str]:
     try:
         with open(path, encoding="utf-8", errors="replace") as file:
-            return list(deque((line.rstrip("\n") for line in file), LAST_LINES))
+            return list(deque((line.rstrip("\n") for line in file), SHOWN_LOG_LINES))
     except OSError:
         return []
 
 
 def summary(tally: Tally, log_file: str = "") -> str:
-    """Return what a run made, where, what was refused and failed, and how long it took."""
+    """Return the summary of a run: what it made and where, what was refused, what failed, and the time it took."""
     whole = tally.whole
     made = ", ".join(_made(rule, stage) for rule, stage in tally.stages.items() if stage.done)
     lines = [f"{whole.done} of {counted(whole.total, 'job')} done in {duration(tally.seconds())}."]
@@ -149,8 +149,8 @@ def summary(tally: Tally, log_file: str = "") -> str:
     if tally.failed:
         lines.append(f"Failed: {counted(len(tally.failed), 'job')}")
         failed = list(tally.failed.values())
-        lines += [f"    {job}: {', '.join(job.logs)}" for job in failed[:_NAMED]]
-        lines += [f"    and {len(failed) - _NAMED} more"] if len(failed) > _NAMED else []
+        lines += [f"    {job}: {', '.join(job.logs)}" for job in failed[:_SHOWN_FAILURES]]
+        lines += [f"    {more}" for more in and_more(len(failed), _SHOWN_FAILURES)]
     if whole.running:
         lines.append(f"Interrupted: {counted(whole.running, 'job')}")
     return "\n".join([*lines, *([log_file] if log_file else [])])
@@ -161,7 +161,7 @@ def _made(rule: str, stage: Stage) -> str:
 
 
 def state(tally: Tally) -> str:
-    """Return how far a run is, in one line."""
+    """Return the progress of a run in one line."""
     whole = tally.whole
     parts = [f"{whole.done} of {whole.total} jobs done", f"{whole.running} running"]
     parts += [f"{whole.refused} refused"] if whole.refused else []
@@ -170,7 +170,7 @@ def state(tally: Tally) -> str:
 
 
 def time_left(tally: Tally) -> str:
-    """Return about how long the rest takes, in words."""
+    """Return the estimated time left in words."""
     seconds, known = tally.seconds_left()
     if seconds is None:
         return "time left not known yet"
@@ -178,7 +178,7 @@ def time_left(tally: Tally) -> str:
 
 
 class Lines:
-    """A line every so many seconds."""
+    """Progress as a line every ``every_s`` seconds."""
 
     def __init__(self, tally: Tally, lock: threading.Lock, stream, every_s: float):
         self._tally, self._lock, self._stream, self._every_s = tally, lock, stream, every_s
@@ -186,13 +186,13 @@ class Lines:
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Say what is going to be made, then how far that is."""
+        """Print the jobs by stage, then the progress regularly."""
         stages = ", ".join(f"{rule} {stage.total}" for rule, stage in self._tally.stages.items())
         self._line(f"{counted(self._tally.whole.total, 'job')}: {stages}")
-        self._thread = threading.Thread(target=self._go_on, daemon=True)
+        self._thread = threading.Thread(target=self._print_states, daemon=True)
         self._thread.start()
 
-    def _go_on(self) -> None:
+    def _print_states(self) -> None:
         while not self._ended.wait(self._every_s):
             with self._lock:
                 text = state(self._tally)
@@ -206,7 +206,7 @@ class Lines:
         print(text, file=self._stream, flush=True)
 
     def stop(self) -> bool:
-        """End; return whether there was anything to end."""
+        """Stop printing; return whether it had started."""
         thread, self._thread = self._thread, None
         self._ended.set()
         if thread is not None:
@@ -215,7 +215,7 @@ class Lines:
 
 
 class Bars:
-    """A bar for each stage, drawn anew four times a second."""
+    """Progress as a bar per stage, redrawn four times a second."""
 
     def __init__(self, tally: Tally, lock: threading.Lock, stream, nocolor: bool):
         from rich.console import Console as Terminal
@@ -223,7 +223,7 @@ class Bars:
 
         self._tally, self._lock = tally, lock
         self._terminal = Terminal(file=stream, no_color=nocolor, highlight=False)
-        both = sys.stdout.isatty()  # else what rules print goes where it is sent
+        both = sys.stdout.isatty()  # otherwise the output of rules goes where the user redirects it
         self._live = Live(
             get_renderable=self._draw,
             console=self._terminal,
@@ -234,7 +234,7 @@ class Bars:
         self._started = False
 
     def start(self) -> None:
-        """Begin to draw."""
+        """Start drawing."""
         self._started = True
         self._live.start()
 
@@ -266,7 +266,7 @@ class Bars:
         self._terminal.print(Text(text, style=color), soft_wrap=True)
 
     def stop(self) -> bool:
-        """End; return whether there was anything to end."""
+        """Stop drawing; return whether it had started."""
         started, self._started = self._started, False
         if started:
             self._live.stop()
@@ -274,6 +274,6 @@ class Bars:
 
 
 def _draws_bars(stream) -> bool:
-    """Whether bars can be drawn: on a terminal, where the library for it is installed."""
+    """Return whether bars can be drawn: on a terminal, with Rich installed."""
     terminal = stream.isatty() and os.environ.get("TERM", "dumb") != "dumb"
     return terminal and importlib.util.find_spec("rich") is not None

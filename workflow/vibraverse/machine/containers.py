@@ -1,9 +1,8 @@
-"""The container images: one for each family of stages, what each is called and what it must hold.
+"""The container images, one per family of stages: their names and their contents.
 
-An image carries its family's locked packages and this project's own code, so a job in it needs nothing of the
-machine it runs on. Its labels say what it was made of: the version, and checksums of the lock and of every file that
-went in. A run with images compares them with the checkout before its first job; ``containers/build.py`` builds what
-differs.
+An image carries its family's locked packages and this project's code, so a job in it needs nothing installed on its
+machine. The labels state the version, and checksums of the lock file and of every file that went in. A run with images
+compares them with the checkout before its first job; ``containers/build.py`` builds those that differ.
 """
 
 from __future__ import annotations
@@ -19,12 +18,12 @@ from vibraverse import __version__
 
 PROJECT = Path(__file__).resolve().parents[3]
 
-#: The families that rules run in. `workstation` joins them with Snakemake, for executors with one image for all.
+#: The families that rules run in. `workstation` joins them with Snakemake, for executors with a single image.
 FAMILIES = ("geometry", "fem", "render", "dataset", "report")
-#: Besides, that of learning, several times as large as all others: for rules of one's own, built where it is named.
+#: The same and `learn`, which is several times as large as the others. It is for a user's own rules, built on request.
 ALL = (*FAMILIES, "learn")
 
-#: What goes into every image, besides the lock of its family.
+#: Files that go into every image, besides the lock file of its family.
 SOURCES = (
     "containers/base.def",
     "containers/check.py",
@@ -41,12 +40,12 @@ SOURCES = (
 
 
 def binary() -> str | None:
-    """Return the command that runs images, the one that Snakemake would take; none where neither is on the PATH."""
+    """Return the command that runs images, as Snakemake chooses it; None if neither is on the PATH."""
     return next(filter(shutil.which, ("apptainer", "singularity")), None)
 
 
 def folder() -> str:
-    """Return where images are: in ``VIBRAVERSE_IMAGES``, a folder or a registry's address, else in the project."""
+    """Return the location of images: ``VIBRAVERSE_IMAGES``, a folder or a registry's address, else the project's."""
     return os.environ.get("VIBRAVERSE_IMAGES") or str(PROJECT / "containers/images")
 
 
@@ -56,7 +55,7 @@ def file_name(family: str) -> str:
 
 
 def image(family: str) -> str | None:
-    """Return the image of a family as the rules name it, or none where Snakemake could not take the name."""
+    """Return the image of a family as the rules name it; None if Snakemake cannot take the name."""
     where = folder()
     if "://" in where:
         return f"{where.rstrip('/')}/vibraverse-{family}:{__version__}"
@@ -65,7 +64,7 @@ def image(family: str) -> str | None:
 
 
 def contents(family: str) -> list[Path]:
-    """Return the files, relative to the project, that the image of a family is made of."""
+    """Return the files that the image of a family is made of, relative to the project."""
     files = []
     for name in (*SOURCES, f"envs/{family}.txt"):
         found = [PROJECT / name] if (PROJECT / name).is_file() else sorted((PROJECT / name).rglob("*"))
@@ -74,7 +73,7 @@ def contents(family: str) -> list[Path]:
 
 
 def labels(family: str) -> dict[str, str]:
-    """Return the labels that an image of this checkout bears."""
+    """Return the labels of a family's image when built from this checkout."""
     checksum = hashlib.sha256()
     for path in contents(family):
         checksum.update(f"{path} {hashlib.sha256((PROJECT / path).read_bytes()).hexdigest()}\n".encode())
@@ -88,7 +87,7 @@ def labels(family: str) -> dict[str, str]:
 
 
 def built(path: str | Path) -> dict[str, str] | None:
-    """Return the labels of an image file; none where there is no image."""
+    """Return the labels of an image file; None if it does not exist."""
     if not Path(path).is_file():
         return None
     command = [binary(), "inspect", "--json", "--labels", str(path)]
@@ -99,7 +98,7 @@ def built(path: str | Path) -> dict[str, str] | None:
 
 
 def differences(family: str, path: str | Path) -> str:
-    """Return in words what keeps an image from being this checkout's; nothing where it is."""
+    """Return in words how an image differs from this checkout; "" if it does not."""
     there, wanted = built(path), labels(family)
     if there is None:
         return "does not exist"

@@ -1,9 +1,9 @@
-"""Which GPUs a job gets, when several jobs on one host look for one.
+"""Claims on GPUs, for several jobs on one host.
 
-Snakemake counts GPUs on a workstation (``--resources gpu=2``), but tells no job which; two that both take the first
-one run out of its memory. Here a job *claims* devices: it holds a lock on a file named after each device's UUID, and
-only sees those. Locks are the kernel's: they end with the processes that hold them, however these end. A scheduler that
-has chosen already (Slurm sets ``CUDA_VISIBLE_DEVICES``) is obeyed: only devices it shows are claimed. NVIDIA's alone.
+Snakemake counts GPUs on a workstation (``--resources gpu=2``), but does not assign them; two jobs that both take the
+first run out of its memory. Here a job *claims* devices: it locks a file named after each device's UUID, and sees only
+those devices. The kernel drops the locks when the processes that hold them end, however they end. If a scheduler has
+chosen already (Slurm sets ``CUDA_VISIBLE_DEVICES``), only the devices that it shows are claimed. NVIDIA only.
 """
 
 from __future__ import annotations
@@ -21,26 +21,27 @@ from pathlib import Path
 from vibraverse.contract.errors import NotThere
 
 VISIBLE = "CUDA_VISIBLE_DEVICES"
-#: The UUIDs that a program or one that started it has claimed.
+#: Environment variable with the UUIDs that this program or a parent of it has claimed.
 CLAIMED = "VIBRAVERSE_GPUS_CLAIMED"
-#: Where the locks are: the same folder for all users of a host, whatever their TMPDIR, and by default in containers.
-LOCKS, _FOLDER = "VIBRAVERSE_GPU_LOCKS", "/tmp/vibraverse-gpus"
+#: Environment variable for the folder of lock files, and its default: the same for all users of a host whatever their
+#: TMPDIR, and visible in containers.
+LOCKS, _DEFAULT_LOCKS = "VIBRAVERSE_GPU_LOCKS", "/tmp/vibraverse-gpus"
 _QUERY = (
     "nvidia-smi",
     "--query-gpu=index,uuid,name,memory.total,memory.used",
     "--format=csv,noheader,nounits",
 )
-#: How often a job that waits looks again, in seconds.
-_AGAIN = 1.0
+#: Polling interval in seconds, for a job that waits for GPUs.
+_POLL_INTERVAL_S = 1.0
 
 
 class NoGPU(NotThere):
-    """There are not as many GPUs as asked for, or not in time; the message says so, and the remedy."""
+    """Fewer GPUs than requested, at all or in time; the message includes the remedy."""
 
 
 @dataclass(frozen=True)
 class GPU:
-    """A device as ``nvidia-smi`` tells: memory in MiB."""
+    """A device as ``nvidia-smi`` reports it; memory in MiB."""
 
     index: int
     uuid: str
@@ -50,7 +51,7 @@ class GPU:
 
 
 def visible() -> list[GPU]:
-    """Return the GPUs that this process may use, in the order of ``nvidia-smi``; none where there is no driver."""
+    """Return the GPUs that this process may use, in the order of ``nvidia-smi``; ``[]`` without a driver."""
     try:
         done = subprocess.run(_QUERY, capture_output=True, text=True, timeout=60)
     except (OSError, subprocess.TimeoutExpired):
@@ -60,7 +61,7 @@ def visible() -> list[GPU]:
     found = []
     for line in done.stdout.splitlines():
         index, uuid, name, *memory = (part.strip() for part in line.split(","))
-        # A card whose memory is the processor's has none of its own to tell.
+        # A GPU that shares the processor's memory reports none of its own.
         total, used = (int(words) if words.isdigit() else 0 for words in memory)
         found.append(GPU(int(index), uuid, name, total, used))
     shown = os.environ.get(VISIBLE)
@@ -68,13 +69,13 @@ def visible() -> list[GPU]:
 
 
 def _shown(gpus: list[GPU], shown: str) -> list[GPU]:
-    """Return those that ``CUDA_VISIBLE_DEVICES`` shows: numbers or beginnings of UUIDs.
+    """Return the GPUs that ``CUDA_VISIBLE_DEVICES`` lists, by number or by the beginning of a UUID.
 
-    As CUDA does it ends at the first that is no device, or one again.
+    Like CUDA, ignore the first invalid or repeated device and everything after it.
     """
     chosen = []
     for word in filter(None, (word.strip() for word in shown.split(","))):
-        if word.startswith("MIG-"):  # a part of a device, which a scheduler has chosen
+        if word.startswith("MIG-"):  # a part of a device, chosen by a scheduler
             chosen.append(GPU(-1, word, "part of a GPU (MIG)", 0, 0))
             continue
         matching = [gpu for gpu in gpus if word == str(gpu.index) or gpu.uuid.startswith(word)]
@@ -85,7 +86,7 @@ def _shown(gpus: list[GPU], shown: str) -> list[GPU]:
 
 
 def _folder() -> Path:
-    folder = Path(os.environ.get(LOCKS) or _FOLDER)
+    folder = Path(os.environ.get(LOCKS) or _DEFAULT_LOCKS)
     with suppress(FileExistsError):
         folder.mkdir(parents=True)
         folder.chmod(0o1777)
@@ -93,7 +94,7 @@ def _folder() -> Path:
 
 
 def _lock(gpu: GPU, kind: int = fcntl.LOCK_EX) -> int | None:
-    """Return an open file that holds a device's lock, or None where another process holds it."""
+    """Return the descriptor of a locked file that claims a device; None if another process holds the lock."""
     path = _folder() / f"{gpu.uuid.replace('/', '_')}.lock"
     with suppress(OSError):
         os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_RDONLY, 0o666))
@@ -108,7 +109,7 @@ def _lock(gpu: GPU, kind: int = fcntl.LOCK_EX) -> int | None:
 
 
 def claimed(gpu: GPU) -> bool:
-    """Return whether some process has claimed a device."""
+    """Return whether any process has claimed a device."""
     handle = _lock(gpu, fcntl.LOCK_SH)
     if handle is not None:
         os.close(handle)
@@ -116,11 +117,11 @@ def claimed(gpu: GPU) -> bool:
 
 
 class Claim:
-    """A context that holds ``count`` GPUs: the idlest of those not claimed, waited for up to ``patience`` seconds.
+    """A context that holds ``count`` GPUs, the idlest unclaimed ones; it waits up to ``patience`` seconds for them.
 
-    Until it ends, ``CUDA_VISIBLE_DEVICES`` names them by UUID. Enter it before CUDA starts. With ``inherited`` a
-    program that this process becomes goes on holding them, and so does what that starts. Raises :class:`NoGPU` where
-    there are too few, or not enough came free in time.
+    Within it, ``CUDA_VISIBLE_DEVICES`` lists them by UUID. Enter it before CUDA starts. With ``inherited``, a program
+    that this process executes keeps holding them, and so do its children. Raises :class:`NoGPU` if there are too few,
+    or if too few are freed in time.
     """
 
     def __init__(self, count: int = 1, patience: float = float("inf"), inherited: bool = False):
@@ -146,14 +147,14 @@ class Claim:
                     flush=True,
                 )
                 said = True
-            time.sleep(_AGAIN)
+            time.sleep(_POLL_INTERVAL_S)
             gpus = visible()
         self._before = {name: os.environ.get(name) for name in (VISIBLE, CLAIMED)}
         os.environ[VISIBLE] = os.environ[CLAIMED] = ",".join(gpu.uuid for gpu in gpus)
         return gpus
 
     def _take(self, gpus: Iterable[GPU]) -> list[GPU]:
-        """Lock as many as wanted, the idlest first, or none at all: half a claim would block another half."""
+        """Lock ``count`` GPUs, the idlest first, or none at all: two partial claims would block each other."""
         taken = []
         for gpu in sorted(gpus, key=lambda gpu: (gpu.used_mb, gpu.index)):
             handle = _lock(gpu)
@@ -181,7 +182,7 @@ class Claim:
 
 
 def enough_of(count: int) -> list[GPU]:
-    """Return the visible GPUs; raise :class:`NoGPU` where they are fewer than ``count``, claimed or not."""
+    """Return the visible GPUs; raise :class:`NoGPU` if there are fewer than ``count``, claimed or not."""
     gpus = visible()
     if len(gpus) >= count:
         return gpus

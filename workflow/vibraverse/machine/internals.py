@@ -1,8 +1,8 @@
-"""All that the workflow knows of Snakemake's inner workings: what it reads there, and its two patches.
+"""Everything that depends on Snakemake's internals: the attributes that a run reads, and two patches.
 
-None of it is a public interface. :data:`TESTED` names the versions for which it holds, and a contract test
-(``tests/test_internals.py``) holds the installed ones to it. A patch is applied to these versions only. What a run
-reads is read in any version; where it does not exist, the run ends with one sentence.
+None of it is a public interface. :data:`TESTED` names the versions for which it holds; a contract test
+(``tests/test_internals.py``) checks the installed ones. Patches are applied to these versions only. Attributes are read
+in any version; if one does not exist, the run ends with one sentence.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from vibraverse.machine import slurm
 from vibraverse.machine.preflight import stop_without
 
 SNAKEMAKE, SLURM_PLUGIN = "snakemake", "snakemake-executor-plugin-slurm"
-#: The versions for which everything here is known to hold. Raise a bound when the contract test passes with it.
+#: The versions for which this module holds. Raise a bound when the contract test passes with it.
 TESTED = {SNAKEMAKE: ">=9.20,<9.28", SLURM_PLUGIN: ">=2.8,<2.9"}
-#: Answers of Slurm in a row that do not list a job, after which it counts as lost. Looks are 40 to 180 s apart, and
-#: accounts may lag behind the queue by minutes.
-SILENT_LOOKS = 10
+#: Successive answers of Slurm without a job after which it counts as lost. The plugin asks every 40 to 180 s, and the
+#: accounting may lag behind the queue by minutes.
+MAX_MISSING_ANSWERS = 10
 
-#: Schedulers for which a timer runs.
-_WAITING: set = set()
+#: Schedulers that have a running timer.
+_TIMED_SCHEDULERS: set = set()
 
 
 def is_tested(package: str) -> bool:
-    """Whether the installed version of a package is one of :data:`TESTED`."""
+    """Return whether the installed version of a package is one of :data:`TESTED`."""
     from packaging.specifiers import SpecifierSet
 
     return SpecifierSet(TESTED[package]).contains(_installed(package), prereleases=True)
@@ -43,7 +43,7 @@ def _installed(package: str) -> str:
 
 
 def _patchable(package: str, without: str) -> bool:
-    """Whether a package may be patched; where not, say so, and what a run is ``without`` the patch."""
+    """Return whether a package may be patched; if not, print so, and what happens ``without`` the patch."""
     tested = is_tested(package)
     if not tested:
         print(
@@ -54,11 +54,11 @@ def _patchable(package: str, without: str) -> bool:
     return tested
 
 
-# What a run reads
+# Attributes that a run reads
 
 
 def _attribute(thing, path: str):
-    """Return an inner attribute by its names from ``thing`` on."""
+    """Return the internal attribute of ``thing`` at a dotted path; raise :class:`NotThere` if it does not exist."""
     found = thing
     for name in path.split("."):
         try:
@@ -72,7 +72,7 @@ def _attribute(thing, path: str):
 
 
 def _read(thing, path: str):
-    """Return an inner attribute; end the process with one sentence where it does not exist."""
+    """Return an internal attribute; end the process with one sentence if it does not exist."""
     return stop_without(_attribute, thing, path)
 
 
@@ -82,34 +82,34 @@ def config_files(workflow) -> list:
 
 
 def configuration(workflow, merged: Mapping) -> Mapping:
-    """Return the configuration of ``--configfile`` alone where there is one, else ``merged``, Snakemake's own.
+    """Return the configuration of ``--configfile`` alone if given, else ``merged``, which Snakemake makes.
 
-    Single keys of ``--config`` are in either.
+    Both include single keys of ``--config``.
     """
     return _read(workflow, "config_settings.overwrite_config") if config_files(workflow) else merged
 
 
 def is_main_process(workflow) -> bool:
-    """Whether this process plans the run, and is not one that Snakemake starts for a job."""
+    """Return whether this process plans the run, as opposed to one that Snakemake starts for a job."""
     return _read(workflow, "is_main_process")
 
 
 def in_conda(workflow) -> bool:
-    """Whether jobs run in environments that Snakemake makes with Conda."""
+    """Return whether jobs run in environments that Snakemake makes with Conda."""
     from snakemake.settings.types import DeploymentMethod
 
     return DeploymentMethod.CONDA in _read(workflow, "deployment_settings.deployment_method")
 
 
 def in_containers(workflow) -> bool:
-    """Whether jobs run in images."""
+    """Return whether jobs run in images."""
     from snakemake.settings.types import DeploymentMethod
 
     return DeploymentMethod.APPTAINER in _read(workflow, "deployment_settings.deployment_method")
 
 
 def apptainer_arguments(workflow) -> str:
-    """Return what the profile gives to every ``apptainer exec``."""
+    """Return the arguments that the profile passes to every ``apptainer exec``."""
     return _read(workflow, "deployment_settings.apptainer_args")
 
 
@@ -119,22 +119,22 @@ def rules_with_set_resources(workflow) -> Mapping:
 
 
 def rule_names(workflow) -> set[str]:
-    """Return the names of all rules so far."""
+    """Return the names of the rules loaded so far."""
     return {rule.name for rule in _read(workflow, "rules")}
 
 
 def executor(workflow) -> str:
-    """Return the name of what runs the jobs: ``local``, ``slurm``. Known when the run starts."""
+    """Return the name of the executor: ``local``, ``slurm``. Known when the run starts."""
     return _read(workflow, "executor_plugin.name")
 
 
 def executor_settings(workflow):
-    """Return the settings of the executor's plugin. Known when the run starts."""
+    """Return the settings of the executor plugin. Known when the run starts."""
     return _read(workflow, "executor_settings")
 
 
 class Waiting:
-    """A job that is going to run. Its attributes are read when asked for: there may be hundreds of thousands."""
+    """A job that is going to run. Its attributes are read on use, because there may be hundreds of thousands."""
 
     __slots__ = ("_job",)
 
@@ -143,7 +143,7 @@ class Waiting:
 
     @property
     def rule(self) -> str:
-        """Its rule's name."""
+        """Name of its rule."""
         return _read(self._job, "rule.name")
 
     @property
@@ -158,22 +158,22 @@ class Waiting:
 
     @property
     def image(self) -> str | None:
-        """Its rule's image."""
+        """Image of its rule."""
         return _read(self._job, "container_img_url")
 
     @property
     def image_file(self) -> str | None:
-        """The file of its rule's image, which was fetched where it is a registry's."""
+        """File of its rule's image; for a registry's image, the fetched copy."""
         return _read(self._job, "container_img_path")
 
     @property
     def is_local(self) -> bool:
-        """Whether the process that plans the run executes it, too."""
+        """Whether the process that plans the run also executes it."""
         return _read(self._job, "is_local")
 
     @property
     def attempts(self) -> int:
-        """How often it may run until it counts as failed."""
+        """Number of times it may run before it counts as failed."""
         return 1 + _read(self._job, "restart_times")
 
 
@@ -183,9 +183,9 @@ def waiting_jobs(workflow) -> list[Waiting]:
 
 
 def jobs_of_a_group(workflow) -> list[tuple[str, str | None]]:
-    """Return rule and image of the jobs that this process runs as one job of a cluster; nothing in any other process.
+    """Return rule and image of the jobs that this process runs as one cluster job; ``[]`` in any other process.
 
-    Such a job starts Snakemake twice: one puts the other, which runs the jobs, under Slurm's ``srun``.
+    Such a job starts Snakemake twice: the first starts the second, which runs the jobs, with Slurm's ``srun``.
     """
     if is_main_process(workflow) or "slurm-jobstep" in sys.argv:
         return []
@@ -194,11 +194,11 @@ def jobs_of_a_group(workflow) -> list[tuple[str, str | None]]:
     return [(name, images[name]) for name in named]
 
 
-# How Snakemake itself shows a run
+# Snakemake's own output
 
 
 def own_handler(settings, stream):
-    """Return Snakemake's own handler of log records, without host and reasons where ``--quiet`` chooses nothing."""
+    """Return Snakemake's own handler of log records; without ``--quiet`` it omits host and reasons."""
     from snakemake import logging
     from snakemake.settings.enums import Quietness
 
@@ -211,7 +211,7 @@ def own_handler(settings, stream):
 
 
 def shows_progress(settings) -> bool:
-    """Whether jobs run and their progress is asked for, neither less nor more."""
+    """Return whether jobs run with the default amount of output, neither less nor more."""
     from snakemake.settings.enums import Quietness
 
     less = {Quietness.ALL, Quietness.PROGRESS} & set(settings.quiet or ())
@@ -222,84 +222,85 @@ def shows_progress(settings) -> bool:
 # The patches
 
 
-def mend_scheduler(workflow) -> None:
-    """Let one timer wait for the scheduler's next look, however many jobs have finished.
+def patch_scheduler(workflow) -> None:
+    """Patch the scheduler to keep one timer for its next evaluation, however many jobs have finished.
 
-    While jobs run, Snakemake looks at those that are ready when one has finished, and a second later again, for which
-    a thread waits. Each such look makes it wait for another, so that after a thousand jobs a thousand threads look
-    every second, which takes a core and in the end all threads that a user may have (Snakemake's issue 3804).
+    When a job finishes, Snakemake evaluates the ready jobs, and starts a thread to evaluate them again a second later.
+    Each evaluation starts another thread. After a thousand jobs, a thousand threads evaluate every second. That takes a
+    core, and in the end all threads that a user may have (Snakemake's issue 3804).
     """
     if not is_main_process(workflow):
-        return  # it runs a single job, or a group
+        return  # this process runs a single job or a group
     if _patchable(
         SNAKEMAKE, "every job that ends leaves a thread, and a run of thousands takes a core for that"
     ):
         from snakemake.scheduling.job_scheduler import JobScheduler
 
-        JobScheduler._schedule_reevalutation = _look_again  # with Snakemake's own spelling
+        JobScheduler._schedule_reevalutation = _evaluate_later  # Snakemake's own spelling
 
 
-def _look_again(scheduler, delay: float) -> None:
-    """Let a scheduler look at its jobs after ``delay`` seconds, or when it is going to anyway."""
+def _evaluate_later(scheduler, delay: float) -> None:
+    """Let a scheduler evaluate its jobs after ``delay`` seconds, unless a timer for that runs already."""
 
-    def look():
-        _WAITING.discard(scheduler)
+    def evaluate():
+        _TIMED_SCHEDULERS.discard(scheduler)
         scheduler._open_jobs.release()
 
-    if scheduler not in _WAITING:
-        _WAITING.add(scheduler)
-        timer = threading.Timer(delay, look)
-        timer.daemon = True  # a run that is done need not wait for it
+    if scheduler not in _TIMED_SCHEDULERS:
+        _TIMED_SCHEDULERS.add(scheduler)
+        timer = threading.Timer(delay, evaluate)
+        timer.daemon = True  # a finished run need not wait for it
         timer.start()
 
 
-def be_patient() -> None:
-    """Let Snakemake's Slurm plugin wait for a Slurm that does not answer, and give up a job that Slurm has lost.
+def patch_slurm_plugin() -> None:
+    """Patch Snakemake's Slurm plugin to wait for a Slurm that does not answer, and to fail jobs that Slurm has lost.
 
-    By itself it forgets all jobs where a few of its questions in a row fail, as they do while Slurm restarts: the run
-    then waits for nothing, for ever, and an interrupt cancels nothing. A job that Slurm's answers never list it waits
-    for as long. Here such a job fails after :data:`SILENT_LOOKS` answers, where the queue does not list it either.
+    By itself the plugin forgets all jobs when a few of its queries in a row fail, as they do while Slurm restarts. The
+    run then waits for ever, and an interrupt cancels nothing. The plugin also waits for ever for a job that no answer
+    lists. Patched, it fails such a job after :data:`MAX_MISSING_ANSWERS` answers if the queue does not list it either.
     """
     if not _patchable(SLURM_PLUGIN, "a run whose Slurm does not answer for a few minutes may wait for ever"):
         return
     import snakemake_executor_plugin_slurm as plugin
 
     original = plugin.Executor.check_active_jobs
-    if hasattr(original, "patience"):
+    if hasattr(original, "checks"):
         return
-    patience = _Patience(plugin, original)
+    checks = _PatientChecks(plugin, original)
 
     async def check_active_jobs(self, active_jobs):
-        async for job in patience.check(self, active_jobs):
+        async for job in checks.check(self, active_jobs):
             yield job
 
-    check_active_jobs.patience = patience
+    check_active_jobs.checks = checks
     plugin.Executor.check_active_jobs = check_active_jobs
 
 
-class _Patience:
-    """Looks at jobs as the Slurm plugin does, and knows of each how many answers in a row did not list it."""
+class _PatientChecks:
+    """The Slurm plugin's check of its jobs, with a count per job of successive answers that do not list it."""
 
-    def __init__(self, plugin, look):
-        self._look, self._plugin, self._query = look, plugin, plugin.query_job_status
-        self._silent: dict[str, int] = {}
+    def __init__(self, plugin, original):
+        self._original, self._plugin, self._query = original, plugin, plugin.query_job_status
+        self._missing: dict[str, int] = {}
         self._listed = None
-        plugin.query_job_status = self._note_answer
+        plugin.query_job_status = self._record_answer
 
-    async def _note_answer(self, command, logger):
+    async def _record_answer(self, command, logger):
         answer = await self._query(command, logger)
         self._listed = answer[0]
         return answer
 
     async def check(self, executor, active_jobs):
-        """Yield the jobs that are still to be waited for; report the others' ends."""
-        told, returned = set(), []
+        """Yield the jobs that still run, and report the end of the others."""
+        reported, returned = set(), []
         self._listed = None
         for report in ("report_job_success", "report_job_error"):
-            setattr(executor, report, _noting(getattr(type(executor), report).__get__(executor), told))
-        async for job in self._look(executor, active_jobs):
+            setattr(executor, report, _recording(getattr(type(executor), report).__get__(executor), reported))
+        async for job in self._original(executor, active_jobs):
             returned.append(job)
-        unanswered = [job for job in active_jobs if id(job) not in told | {id(other) for other in returned}]
+        known = reported | {id(job) for job in returned}
+        unanswered = [job for job in active_jobs if id(job) not in known]
         if unanswered:
             executor.logger.warning(
                 f"Slurm does not answer; the run waits for its {counted(len(unanswered), 'job')}."
@@ -309,17 +310,17 @@ class _Patience:
             if id(job) in lost:
                 executor.report_job_error(
                     job,
-                    msg=f"Slurm has lost job {job.external_jobid}: {SILENT_LOOKS} answers in a row and the queue do "
-                    "not list it, so that its end is not known. ",
+                    msg=f"Slurm has lost job {job.external_jobid}: {MAX_MISSING_ANSWERS} answers in a row and the queue "
+                    "do not list it, so that its end is not known. ",
                 )
             else:
                 yield job
 
     def _lost(self, jobs) -> set[int]:
-        """Return the ``id()`` of jobs that neither the last answers nor the queue list; a silent queue lists all."""
-        silent = [job for job in jobs if not self._is_listed(job.external_jobid)]
-        self._silent = {job.external_jobid: self._silent.get(job.external_jobid, 0) + 1 for job in silent}
-        overdue = [job for job in silent if self._silent[job.external_jobid] >= SILENT_LOOKS]
+        """Return the ``id()`` of jobs that neither the last answers nor the queue list; none if squeue fails."""
+        missing = [job for job in jobs if not self._is_listed(job.external_jobid)]
+        self._missing = {job.external_jobid: self._missing.get(job.external_jobid, 0) + 1 for job in missing}
+        overdue = [job for job in missing if self._missing[job.external_jobid] >= MAX_MISSING_ANSWERS]
         queued = slurm.queued_jobs() if overdue else None
         if queued is None:
             return set()
@@ -330,15 +331,15 @@ class _Patience:
 
 
 def _array(slurm_id: str) -> str:
-    """Return a job's id without its place in an array."""
+    """Return a Slurm job's id without its array index."""
     return slurm_id.split("_")[0]
 
 
-def _noting(report, told: set):
-    """Return a function that reports a job's end and notes that it did."""
+def _recording(report, reported: set):
+    """Return ``report`` as a function that also adds the job's ``id()`` to ``reported``."""
 
-    def noting(job, *arguments, **keywords):
-        told.add(id(job))
+    def recording(job, *arguments, **keywords):
+        reported.add(id(job))
         return report(job, *arguments, **keywords)
 
-    return noting
+    return recording

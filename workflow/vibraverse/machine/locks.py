@@ -1,13 +1,13 @@
-"""One run at a time for each part of a results folder, with locks that a killed run cannot leave behind.
+"""The lock of a run: one run at a time for each part of a results folder, and no stale lock after a kill.
 
 Snakemake's own lock is a file that stays after SIGKILL and must be removed by hand. The profiles switch it off
-(``nolock``) and this one takes its place: the kernel drops it when the process ends, however it ends.
+(``nolock``), and this lock replaces it: the kernel drops it when the process ends, however it ends.
 
 Byte ``s`` of the lock file stands for shard ``s`` of the dataset and the objects in it. A slice locks the bytes of its
-shards, any other run all bytes there could be. So runs that share an object exclude each other, and slices do not.
+shards; any other run locks all possible bytes. So runs that share an object exclude each other, and slices do not.
 
-On a file system without locks, runs know each other by their files in the journal. Each writes its own first and then
-looks for others: of two that begin in the same moment none may go on, but never do both.
+On a file system without locks, runs find each other by their files in the journal. Each writes its own first and then
+looks for others. Of two runs that begin at the same moment, at most one continues.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from vibraverse.contract import journal
 from vibraverse.contract.journal import Mark, Worker
 from vibraverse.contract.products import not_stored
 
-#: What this process holds: a lock goes when its file is no longer referred to.
+#: The locks of this process. Python would close a lock file, and so drop the lock, without a reference to it.
 _held: list[Hold] = []
-#: Polling interval in seconds, for orphaned jobs.
-_POLL_S = 1.0
+#: Polling interval in seconds, for the wait for orphaned jobs.
+_POLL_INTERVAL_S = 1.0
 
 
 class Hold:
-    """What a run holds of a results folder, until it is closed or its process ends; ``file`` says so in the journal."""
+    """A run's lock on a results folder, until it is closed or its process ends; ``file`` is its file in the journal."""
 
     def __init__(self, mark: Mark, lock: TextIO):
         self.file = mark.file
@@ -40,7 +40,7 @@ class Hold:
         _held.append(self)
 
     def close(self) -> None:
-        """Let other runs go on."""
+        """Release the lock."""
         self._mark.remove()
         self._lock.close()
         _held.remove(self)
@@ -58,9 +58,9 @@ def lock_file(results: str | Path) -> Path:
 
 
 def only_run(results: str | Path, shards: Iterable[int] | None = None) -> Hold:
-    """Hold the shards (None: everything) of a results folder.
+    """Lock the shards (None: everything) of a results folder.
 
-    Where another process holds one of them, or the folder cannot be written, that is said and the exit status is 1.
+    If another process holds one of them, or the folder cannot be written, print a message and exit with status 1.
     """
     folder, parts = Path(results), None if shards is None else sorted(shards)
     try:
@@ -73,7 +73,7 @@ def only_run(results: str | Path, shards: Iterable[int] | None = None) -> Hold:
     try:
         for shard, count in [(0, 0)] if parts is None else [(shard, 1) for shard in parts]:
             fcntl.lockf(lock, fcntl.LOCK_EX | fcntl.LOCK_NB, count, shard)
-    except (BlockingIOError, PermissionError):  # which of the two is up to the file system
+    except (BlockingIOError, PermissionError):  # the file system decides which of the two it raises
         free = False
     except OSError as error:
         without = error.strerror or str(error)
@@ -93,7 +93,7 @@ def only_run(results: str | Path, shards: Iterable[int] | None = None) -> Hold:
 
 
 def _others(folder: Path, mark: Mark) -> list[tuple[Path, Worker]]:
-    """Return the runs that work on a shard of the run that marked."""
+    """Return the other runs that work on a shard of the run that owns ``mark``."""
     found = []
     for file, run in journal.runs(folder):
         if file == mark.file or not journal.works(file, run):
@@ -104,7 +104,7 @@ def _others(folder: Path, mark: Mark) -> list[tuple[Path, Worker]]:
 
 
 def _taken(folder: Path, parts: list[int] | None, others: list[tuple[Path, Worker]], without: str) -> str:
-    """Return the sentence about the run that works already."""
+    """Return the sentence about the run that already works there."""
     who = others[0][1] if others else "process unknown"
     on = "" if parts is None else " on the same objects"
     said = f"another run ({who}) is working in {folder}{on}; wait for it to end, or stop it."
@@ -116,12 +116,12 @@ def _taken(folder: Path, parts: list[int] | None, others: list[tuple[Path, Worke
 
 
 def orphans(results: str | Path, names: Iterable[str] | None = None) -> list[tuple[Path, Worker]]:
-    """Return the jobs of killed runs that still work; delete the files of those that do not, and of their runs.
+    """Return the orphaned jobs that still work; delete the files of the other orphaned jobs and of killed runs.
 
-    ``names`` are the objects and shards that are looked at (None: all), in which no other run may work.
+    ``names`` are the objects and shards to look at (None: all); no other run may work on them.
     """
     wanted = None if names is None else set(names)
-    begun = list(journal.begun(results))  # first: each has its run's file before its own
+    begun = list(journal.begun(results))  # before the runs, because a run's file exists before those of its jobs
     runs, found = set(), []
     for file, run in journal.runs(results):
         if journal.works(file, run):
@@ -139,9 +139,9 @@ def orphans(results: str | Path, names: Iterable[str] | None = None) -> list[tup
 
 
 def wait_for(jobs: list[tuple[Path, Worker]]) -> None:
-    """Wait until orphaned jobs have ended; say so, once for each.
+    """Wait until orphaned jobs have ended, and print a line for each.
 
-    A job that is begun anew beside an old one computes in vain, and may meet what that one writes.
+    A job that starts while its orphan still works computes in vain, and both may write the same files.
     """
     for file, job in jobs:
         what = " of ".join(filter(None, (job.stage, job.object)))
@@ -152,11 +152,11 @@ def wait_for(jobs: list[tuple[Path, Worker]]) -> None:
             flush=True,
         )
     while jobs := [(file, job) for file, job in jobs if journal.works(file, job)]:
-        time.sleep(_POLL_S)
+        time.sleep(_POLL_INTERVAL_S)
 
 
 def ending(jobs: list[tuple[Path, Worker]]) -> str:
-    """Return the commands that end jobs, or the Slurm jobs that they are part of."""
+    """Return the commands that end jobs, or the Slurm jobs that contain them."""
     scancel = [*dict.fromkeys(job.slurm_job for _, job in jobs if job.slurm_job)]
     commands = [f"`scancel {' '.join(scancel)}`"] if scancel else []
     alone = [job for _, job in jobs if not job.slurm_job]

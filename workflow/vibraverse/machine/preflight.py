@@ -1,7 +1,7 @@
-"""Whether what a run asks for is there, said in one sentence before its first job: Apptainer, images, GPUs, a profile.
+"""The preflight: checks before the first job that Apptainer, images, GPUs and the profile of a run exist.
 
-A job that cannot start waits in a queue, or fails with the words of a tool that its owner may never have called. What
-can be known before is asked here, of the jobs that will run and nothing else.
+A job that cannot start waits in a queue, or fails with the message of a tool that its owner may not know. The checks
+here find that in advance, for the jobs that will run and nothing else. Each fails with one sentence.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 def stop_without(check, *arguments):
-    """Run a check and return what it finds; end the process with its sentence and exit status 2 where it fails."""
+    """Run a check and return its result; if it fails, end the process with its sentence and exit status 2."""
     try:
         return check(*arguments)
     except (NotThere, UsageError) as missing:
@@ -36,11 +36,11 @@ def stop_without(check, *arguments):
 
 @contextmanager
 def readable(path: str):
-    """Let Snakemake read a configuration; where it cannot, end the process with a sentence that names file and line."""
+    """Let Snakemake read a configuration; on failure, end the process with a sentence that names file and line."""
     try:
         yield
     except Exception:
-        if os.path.exists(path):  # Snakemake itself names one that is not there
+        if os.path.exists(path):  # Snakemake itself names a file that does not exist
             stop_without(read, path)
         raise
 
@@ -54,9 +54,9 @@ def configuration(path: str, text: str) -> None:
 
 
 def known(plan: Plan, configs: Sequence[str | Path], kind: str, name: str) -> str:
-    """Return the name of an object or a shard that a file is asked for, where the run has one of that name.
+    """Return the name of the object or shard of a requested file; raise :class:`NotThere` if the run lacks it.
 
-    Snakemake's patterns match any name, and rules' functions would end with a ``KeyError``. ``configs`` are the files
+    Snakemake's patterns match any name, and the functions in rules would raise ``KeyError``. ``configs`` are the files
     of ``--configfile``.
     """
     there, more = (plan.objects if kind == "object" else plan.shards), ""
@@ -71,16 +71,16 @@ def known(plan: Plan, configs: Sequence[str | Path], kind: str, name: str) -> st
 
 
 def _is_source(plan: Plan, name: str) -> bool:
-    """Whether a product of an object that is no longer configured is the mesh file of one that is.
+    """Return whether a product of an unconfigured object is the mesh file of a configured one.
 
-    Snakemake then asks how to make it, and is content to find that nothing does.
+    Snakemake then looks for a rule that makes it, and accepts that none does.
     """
     folder = Path(plan.paths.at(plan.paths.object, object=name)).absolute()
     return any(entry.input and folder in entry.input.absolute().parents for entry in plan.objects.values())
 
 
 def apptainer() -> None:
-    """Check that images can be run, and named."""
+    """Check that images can be run, and that Snakemake can take their names."""
     if containers.binary() is None:
         raise NotThere(
             "the profile asks for containers, but the command apptainer is not on the PATH; install Apptainer "
@@ -94,7 +94,7 @@ def apptainer() -> None:
 
 
 def images(urls: Iterable[str]) -> None:
-    """Check that each image file is there and made of this checkout; images in a registry are taken as named."""
+    """Check that each image file exists and matches this checkout; images in a registry are not checked."""
     named = {containers.image(family): family for family in containers.ALL}
     wrong = {
         named[url]: f"the image {url} {difference}"
@@ -109,14 +109,14 @@ def images(urls: Iterable[str]) -> None:
 
 
 def rules(named: Iterable[str], known: Iterable[str]) -> None:
-    """Check that the rules whose resources a profile sets exist: Snakemake passes over others."""
+    """Check that the rules whose resources a profile sets exist; Snakemake ignores unknown ones."""
     for name in named:
         if name not in known:
             raise NotThere(f"the profile's set-resources names an {unknown('rule', name, sorted(known))}")
 
 
 def profile(arguments: Sequence[str]) -> None:
-    """Check that the profile that a command names is there: Snakemake goes on without one, and without a word."""
+    """Check that the profile named by a command exists; Snakemake silently continues without it."""
     for name, following in zip(arguments, [*arguments[1:], ""], strict=True):
         option, joined, value = name.partition("=")
         value = value if joined else following
@@ -128,16 +128,16 @@ def profile(arguments: Sequence[str]) -> None:
 
 
 def _is_profile(value: str) -> bool:
-    """Whether Snakemake finds a workflow's profile of this name."""
+    """Return whether Snakemake finds a workflow profile of this name."""
     places = Path(value), Path("profiles", value), containers.PROJECT / "profiles" / value
     return any(place.is_file() or list(place.glob("*.yaml")) for place in places)
 
 
 def seen_in_images(files: Iterable[str | Path], arguments: str = "") -> None:
-    """Check that jobs in images will see mesh files, of which one of each folder is looked for.
+    """Check that jobs in images will see mesh files; one file of each folder is tested.
 
-    ``arguments`` are Apptainer's as the profile gives them. Snakemake makes the working folder the home of what runs in
-    an image, so that the user's own is not there.
+    ``arguments`` are those that the profile passes to Apptainer. Snakemake makes the working folder the home in an
+    image, so the user's home is not visible there.
     """
     near = Path.cwd(), Path("/tmp")
     folders = {path.parent: str(path) for path in (Path(file).absolute() for file in files)}
@@ -170,8 +170,8 @@ def shards(missing: list[str]) -> None:
 
 
 def local_gpus(jobs: Iterable[tuple[str, Mapping]]) -> None:
-    """Check that this machine has as many of NVIDIA's GPUs as any of the jobs (rule, resources) asks for."""
-    if sys.platform == "darwin" or os.path.exists("/dev/kfd"):  # Apple's, AMD's
+    """Check that this machine has as many NVIDIA GPUs as each of the jobs (rule, resources) asks for."""
+    if sys.platform == "darwin" or os.path.exists("/dev/kfd"):  # Apple or AMD GPUs, which are not checked
         return
     asked = {}
     for rule, resources in jobs:

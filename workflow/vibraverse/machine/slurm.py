@@ -1,4 +1,4 @@
-"""What a run asks of Slurm before its first job, said in one sentence where it is not there."""
+"""Checks before the first job that Slurm has what a run asks for; each fails with one sentence."""
 
 from __future__ import annotations
 
@@ -14,16 +14,17 @@ from typing import NamedTuple
 from vibraverse.contract.errors import NotThere
 from vibraverse.contract.texts import counted
 
-#: The Slurm job that this process is part of, if any: by itself, and as its array. Read when this is imported, for
-#: Snakemake's Slurm plugin deletes the variables before a run's first job.
+#: Ids of the Slurm job that this process is part of, and of its array. Read at import, because Snakemake's Slurm plugin
+#: deletes the variables before a run's first job.
 _OWN_JOBS = {os.environ.get("SLURM_JOB_ID"), os.environ.get("SLURM_ARRAY_JOB_ID")}
-#: Seconds before Snakemake's plugin first looks at jobs, where no profile says.
-_FIRST_LOOK_S = 40
-_ASKING_QUEUE = "slurm-status-command: squeue and slurm-init-seconds-before-status-checks: 20"
+#: Default delay in seconds before Snakemake's plugin first asks for the state of jobs.
+_DEFAULT_FIRST_CHECK_S = 40
+#: Keys of a profile with which the plugin asks the queue instead of the accounting.
+_QUEUE_SETTINGS = "slurm-status-command: squeue and slurm-init-seconds-before-status-checks: 20"
 
 
 class Partition(NamedTuple):
-    """What a partition's largest node has, and how long a job may take in it (None: as long as it likes)."""
+    """The resources of a partition's largest node, and the time limit of its jobs in minutes (None: no limit)."""
 
     memory_mb: int = 0
     gpus: int = 0
@@ -33,15 +34,14 @@ class Partition(NamedTuple):
 def check(
     jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".", settings=None, attempts: int = 1
 ) -> None:
-    """Check that Slurm answers, has what jobs (rule, resources) ask for, and no earlier run's jobs in ``folder``.
+    """Check that Slurm answers, has what jobs (rule, resources) ask for, and runs no earlier jobs in ``folder``.
 
-    ``settings`` are the plugin's. Where only a later one of ``attempts`` would ask for too much time, that is said and
-    the run goes on.
+    ``settings`` are the plugin's. If only a later one of ``attempts`` asks for too much time, print a warning.
     """
     there, default = partitions()
     no_earlier_jobs(Path(folder).resolve())
     if settings is not None:
-        _ends_are_known(settings)
+        _check_ends_known(settings)
     asked: dict[tuple, list[int]] = {}
     for rule, resources in jobs:
         gpus = int(resources.get("gpu") or ("gpu" in str(resources.get("gres", ""))))
@@ -56,7 +56,7 @@ def check(
                     f"Slurm has no partition {name!r}, which the rule {rule} asks for; set slurm_partition in the "
                     f"profile to one of: {', '.join(sorted(there))}"
                 )
-            _enough(rule, name, there, memory_mb, gpus, minutes)
+            _check_partition(rule, name, there, memory_mb, gpus, minutes)
             if there[name].minutes is not None and minutes * attempts > there[name].minutes:
                 later.setdefault((name, there[name].minutes), []).append(rule)
     for (name, most), rules in sorted(later.items()):
@@ -68,7 +68,7 @@ def check(
         )
 
 
-def _enough(rule: str, name: str, there: dict, memory_mb: int, gpus: int, minutes: int) -> None:
+def _check_partition(rule: str, name: str, there: dict, memory_mb: int, gpus: int, minutes: int) -> None:
     """Check that a partition has what a rule asks for."""
     most = there[name]
     if gpus > most.gpus:
@@ -96,8 +96,8 @@ def _enough(rule: str, name: str, there: dict, memory_mb: int, gpus: int, minute
         )
 
 
-def _ends_are_known(settings) -> None:
-    """Check that the run will learn of its jobs' ends: without accounts, or from them, as the plugin is told to ask."""
+def _check_ends_known(settings) -> None:
+    """Check that the plugin will learn how jobs end, from the accounting or from the queue, as ``settings`` say."""
     if shutil.which("sacct") is None:
         return  # the plugin asks squeue by itself
     accounts = _run("sacct", "-n", "-X", "-j", "1")
@@ -106,10 +106,10 @@ def _ends_are_known(settings) -> None:
     if settings.status_command == "sacct":
         raise NotThere(
             f"this cluster keeps no accounts, or they do not answer (sacct: {_last_words(accounts)}), so that the run "
-            f"would never learn that a job has ended; write {_ASKING_QUEUE} into the profile"
+            f"would never learn that a job has ended; write {_QUEUE_SETTINGS} into the profile"
         )
     kept = re.search(r"^MinJobAge\s*=\s*(\d+)", _ask("scontrol", "show", "config"), re.MULTILINE)
-    first = settings.init_seconds_before_status_checks or _FIRST_LOOK_S
+    first = settings.init_seconds_before_status_checks or _DEFAULT_FIRST_CHECK_S
     if kept and int(kept[1]) < 3 * first:
         raise NotThere(
             f"Slurm forgets a job {kept[1]} s after its end (MinJobAge) and keeps no accounts; the first look at jobs, "
@@ -144,7 +144,7 @@ def _ask(*command: str) -> str:
 
 
 def partitions() -> tuple[dict[str, Partition], str | None]:
-    """Return what each partition has by name, and the default one's name."""
+    """Return the partitions by name, and the name of the default one."""
     found: dict[str, Partition] = {}
     default = None
     for line in _ask("sinfo", "-h", "-o", "%P|%m|%G|%l").splitlines():
@@ -159,7 +159,7 @@ def partitions() -> tuple[dict[str, Partition], str | None]:
 
 
 def _gpus(gres: str) -> int:
-    """Return how many GPUs are in ``gpu:type:2(S:0-1),…``, of which type, number and sockets may be missing."""
+    """Return the number of GPUs in ``gpu:type:2(S:0-1),…``; type, number and sockets may be missing."""
     devices = [device.split(":") for device in re.sub(r"\([^)]*\)", "", gres).split(",")]
     return sum(
         int(rest[-1]) if rest and rest[-1].isdigit() else 1 for kind, *rest in devices if kind == "gpu"
@@ -167,7 +167,7 @@ def _gpus(gres: str) -> int:
 
 
 def _minutes(limit: str) -> float | None:
-    """Return minutes of ``days-hours:minutes:seconds``, of which the first may be missing; None for no limit."""
+    """Return the minutes of ``days-hours:minutes:seconds``; leading parts may be missing; None for no limit."""
     if not re.fullmatch(r"(\d+-)?\d+(:\d+){0,2}", limit):
         return None
     days, _, clock = limit.rpartition("-")
@@ -176,7 +176,7 @@ def _minutes(limit: str) -> float | None:
 
 
 def no_earlier_jobs(folder: Path) -> None:
-    """Check that no job of a run that was killed still writes here: it and this run would disturb each other."""
+    """Check that no Slurm job of an earlier run still writes here: it and this run would disturb each other."""
     queue = _ask("squeue", "-h", "-u", str(os.getuid()), "-t", "PENDING,RUNNING,COMPLETING", "-o", "%i|%Z")
     jobs = (line.split("|", 1) for line in queue.splitlines())
     left = [job for job, where in jobs if where == str(folder) and re.match(r"\d+", job)[0] not in _OWN_JOBS]
@@ -188,6 +188,6 @@ def no_earlier_jobs(folder: Path) -> None:
 
 
 def queued_jobs() -> set[str] | None:
-    """Return the ids of this user's jobs in the queue, of an array its own id; None where Slurm does not answer."""
+    """Return the ids of this user's jobs in the queue (for an array, its id); None if Slurm does not answer."""
     done = _run("squeue", "-h", "-u", str(os.getuid()), "-o", "%F")
     return set(done.stdout.split()) if done.returncode == 0 else None

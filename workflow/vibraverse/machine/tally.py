@@ -1,4 +1,4 @@
-"""How far a run is, from Snakemake's events: jobs done, running, refused and failed by rule, and the time left."""
+"""The progress of a run from Snakemake's events: jobs done, running, refused and failed by rule, and the time left."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _NO_STAGES = ("all", "total")
 
 @dataclass
 class Stage:
-    """The jobs of one rule; ``seconds`` is what those that ended took together."""
+    """The jobs of one rule; ``seconds`` is the total time of those that ended."""
 
     total: int
     done: int = 0
@@ -28,13 +28,13 @@ class Stage:
 
     @property
     def mean_seconds(self) -> float | None:
-        """What a job takes on average; None where none has ended."""
+        """Mean time of a job; None before the first has ended."""
         return self.seconds / self.done if self.done else None
 
 
 @dataclass(frozen=True)
 class Job:
-    """A job that began: its rule, what it is about, its outputs and logs."""
+    """A job that began: its rule, its object or other wildcards, its outputs and logs."""
 
     rule: str
     about: str
@@ -46,7 +46,7 @@ class Job:
         return f"{self.rule} of {self.about}" if self.about else self.rule
 
     def refusal(self) -> Refusal | None:
-        """Return the refusal that stands in place of its first product."""
+        """Return the refusal in place of its first product, or None."""
         if not self.outputs:
             return None
         place, step = Path(self.outputs[0]), BY_NAME.get(self.rule)
@@ -55,14 +55,14 @@ class Job:
 
 @dataclass
 class Tally:
-    """The state of a run. ``refusals`` counts the run's own by (stage, reason), not those passed on."""
+    """The state of a run. ``refusals`` counts new refusals by (stage, reason), not those passed on."""
 
     clock: Callable[[], float] = time.monotonic
     stages: dict[str, Stage] = field(default_factory=dict)
     failed: dict[str, Job] = field(default_factory=dict)
     refusals: Counter = field(default_factory=Counter)
     began: float | None = None
-    #: The folder in which everything lies that was made.
+    #: The innermost folder that contains everything made so far.
     place: str = ""
     _jobs: dict[str, Job] = field(default_factory=dict)
     _running: dict[str, Job] = field(default_factory=dict)
@@ -70,11 +70,11 @@ class Tally:
     _seen: float = 0.0
 
     def plan(self, counts: Mapping[str, int]) -> None:
-        """Take the numbers of jobs by rule, in the order of the chain."""
+        """Set the number of jobs by rule, in the order of the chain."""
         self.stages = {rule: Stage(count) for rule, count in counts.items() if rule not in _NO_STAGES}
 
     def begin(self, number: str, job: Job) -> None:
-        """Note that a job began, or began again."""
+        """Record that a job began, for the first time or for a retry."""
         if job.rule in _NO_STAGES:
             return
         if self.began is None:
@@ -87,7 +87,7 @@ class Tally:
         self.stages.setdefault(job.rule, Stage(0)).running += 1
 
     def end(self, number: str) -> None:
-        """Note that a job made its products, or refusals in their place."""
+        """Record that a job made its products, or refusals in their place."""
         now, job = self._pass_time(), self._drop(number)
         if job is None:
             return
@@ -106,7 +106,7 @@ class Tally:
             self.place = os.path.commonpath([self.place, folder]) if self.place else folder
 
     def fail(self, number: str) -> Job | None:
-        """Note that a job failed; return it, where it had begun."""
+        """Record that a job failed; return it, or None if it had not begun."""
         self._pass_time()
         self._drop(number)
         job = self._jobs.get(number)
@@ -115,14 +115,14 @@ class Tally:
         return job
 
     def _drop(self, number: str) -> Job | None:
-        """Take a job from the running ones."""
+        """Remove a job from the running ones; return it."""
         job = self._running.pop(number, None)
         if job is not None:
             self.stages[job.rule].running -= 1
         return job
 
     def _pass_time(self) -> float:
-        """Add up how long how many jobs ran; return the time."""
+        """Add the time since the last call to the busy time, once per running job; return the time."""
         now = self.clock()
         self._busy += len(self._running) * (now - self._seen)
         self._seen = now
@@ -135,14 +135,14 @@ class Tally:
         return Stage(*(sum(getattr(stage, name) for stage in self.stages.values()) for name in names))
 
     def seconds(self) -> float:
-        """Return how long the run has worked."""
+        """Return the time in seconds since the first job began."""
         return 0.0 if self.began is None else self.clock() - self.began
 
     def seconds_left(self) -> tuple[float | None, bool]:
-        """Return about how long the rest takes, and whether every stage's mean time is known.
+        """Return the estimated time left in seconds, and whether every stage's mean time is known.
 
-        Work is what is left of each stage times its mean; it goes on as many jobs at a time as so far. A stage of which
-        no job has ended is not counted. None where nothing is known.
+        The work left is the sum over stages of the jobs left times their mean time. It is divided by the mean number of
+        parallel jobs so far. Stages without an ended job count nothing. None if nothing is known.
         """
         now = self._pass_time()
         left = {rule: stage.total - stage.done for rule, stage in self.stages.items()}

@@ -1,4 +1,4 @@
-"""How many threads numerical libraries use, and that they round alike everywhere; both before any of them is loaded."""
+"""Threads and rounding of numerical libraries, both set before any of them is loaded."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ _THREAD_VARIABLES = (
     "LP_NUM_THREADS",  # Mesa's software renderer
 )
 
-#: Libraries choose loops by the processor, and each rounds in its own way: a level set whose axes turn by 1e-9 may be
-#: remade quite differently. With these every processor with AVX2 takes the same loops.
+#: Libraries choose loops by the processor, and each loop rounds differently. A rotation by 1e-9 is enough to remesh a
+#: level set quite differently. With these variables, every processor with AVX2 uses the same loops.
 ROUNDING = {
     "MKL_CBWR": "AVX2,STRICT",
     "OPENBLAS_CORETYPE": "Haswell",
@@ -23,21 +23,21 @@ ROUNDING = {
 
 
 def set_threads(threads: int) -> None:
-    """Fix the thread count, and the rounding, before any numerical library is loaded."""
+    """Set the thread count and the rounding, before any numerical library is loaded."""
     for variable in _THREAD_VARIABLES:
         os.environ[variable] = str(threads)
     set_rounding()
 
 
 def set_rounding() -> None:
-    """Let libraries take the same loops as on other processors; before any of them is loaded."""
+    """Let libraries use the same loops on all processors; call before any of them is loaded."""
     if {"avx2", "fma"} <= _processor_flags():
         for variable, value in ROUNDING.items():
             os.environ.setdefault(variable, value)
 
 
 def _processor_flags() -> set[str]:
-    """Return what the processor is capable of, in the kernel's words; nothing where the system does not say."""
+    """Return the processor's flags as the kernel lists them; an empty set without ``/proc``."""
     try:
         with open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
             return next((set(line.split()) for line in file if line.startswith("flags")), set())
@@ -46,7 +46,7 @@ def _processor_flags() -> set[str]:
 
 
 def asked_threads(argv: list[str]) -> str:
-    """Return what stands after ``--threads``, which is needed before there is a parser: that of the stage."""
+    """Return the value of ``--threads``, which is needed before the stage's parser can be imported."""
     for word, following in itertools.pairwise([*argv, ""]):
         name, equals, value = word.partition("=")
         if name == "--threads":

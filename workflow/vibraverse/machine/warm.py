@@ -1,6 +1,6 @@
-"""How a stage's command asks a warm process to do its work; what that is and does is in ``warm_process``.
+"""The client of a warm process: a stage's command hands its work over; ``warm_process`` is the server.
 
-The command has nothing else to do, and there are ten for each object, so that this imports as little as can be.
+There are ten such commands for each object, so this module imports as little as possible.
 """
 
 from __future__ import annotations
@@ -11,45 +11,43 @@ import struct
 import sys
 import zlib
 
-#: The environment variable that holds the address of a warm process; where it is set, if to nothing, none is started.
-#: It is a name in Linux's abstract namespace, which leaves no file behind.
+#: Environment variable with the address of a warm process; if it is set, even to "", none is started. The address is a
+#: name in Linux's abstract socket namespace, which leaves no file behind.
 VARIABLE = "VIBRAVERSE_WARM"
-#: What starts a warm process, behind ``python -m vibraverse``: not for people.
+#: Subcommand of ``python -m vibraverse`` that starts a warm process; not for people.
 SUBCOMMAND = "warm-process"
-#: What goes before a message: its length in bytes.
+#: Prefix of a message: its length in bytes.
 LENGTH = struct.Struct("!I")
-#: What the kernel tells of the process at the other end: its number, its user and group.
-_PEER = struct.Struct("3i")
-#: The exit status by which a warm process says that it is not the one to do a command; no stage ends with it.
+#: ``struct ucred``, the credentials of the process at the other end: process, user, group.
+_CREDENTIALS = struct.Struct("3i")
+#: Exit status by which a warm process declines a command; no stage ends with it.
 DECLINED = 79
 
 
 def container() -> str:
-    """Return the image that this process runs in; nothing outside of one."""
+    """Return the image that this process runs in; "" outside an image."""
     return os.environ.get("APPTAINER_CONTAINER") or os.environ.get("SINGULARITY_CONTAINER") or ""
 
 
 def identity() -> list[str]:
-    """Return what a command and the warm process must share: the environment, this file, the image."""
+    """Return what a command and its warm process must share: the Python environment, this file, the image."""
     return [sys.prefix, os.path.realpath(__file__), container()]
 
 
 def socket_name(address: str) -> str:
-    """Return the abstract name at which a warm process listens; there is one for each image of a run."""
+    """Return the abstract socket name of a warm process; there is one per image of a run."""
     image = container()
     return f"\0{address}-{zlib.crc32(os.fsencode(image)):08x}" if image else f"\0{address}"
 
 
 def ours(connection: socket.socket) -> bool:
-    """Return whether the other end of a connection is this user's: everybody may use an abstract name."""
-    return (
-        _PEER.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _PEER.size))[1]
-        == os.getuid()
-    )
+    """Return whether the other end of a connection is this user's: anybody may use an abstract socket name."""
+    found = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _CREDENTIALS.size)
+    return _CREDENTIALS.unpack(found)[1] == os.getuid()
 
 
 def ask(address: str, argv: list[str]) -> int | None:
-    """Let the warm process at an address do a command; return its exit status, or None where it must be done here."""
+    """Let the warm process at an address run a command; return its exit status, or None if it must run here."""
     from vibraverse.machine.threads import asked_threads
 
     if asked_threads(argv) != "1":
@@ -72,15 +70,15 @@ def ask(address: str, argv: list[str]) -> int | None:
 
 
 def request(argv: list[str]) -> bytes:
-    """Return what a warm process must know of a command: all that it would have by itself, but for its open files."""
+    """Return a command as a message: everything that its own process would have, except open files."""
     mask = os.umask(0)
     os.umask(mask)
     variables = [f"{name}={value}" for name, value in os.environ.items()]
     return os.fsencode("\0".join([*identity(), os.getcwd(), str(mask), str(len(argv)), *argv, *variables]))
 
 
-def understood(message: bytes) -> tuple[list[str], str, int, list[str], dict[str, str]]:
-    """Return identity, folder, mask of files, arguments and environment of a :func:`request`."""
+def parse(message: bytes) -> tuple[list[str], str, int, list[str], dict[str, str]]:
+    """Return identity, working folder, umask, arguments and environment from a :func:`request`."""
     prefix, file, image, folder, mask, count, *words = os.fsdecode(message).split("\0")
     argv, variables = words[: int(count)], words[int(count) :]
     return [prefix, file, image], folder, int(mask), argv, dict(one.split("=", 1) for one in variables)

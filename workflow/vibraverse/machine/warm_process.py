@@ -1,13 +1,13 @@
-"""A warm process that jobs are forked from, so that they find every library imported.
+"""The warm process: jobs are forked from it, so they find every library imported.
 
-A job of a small object computes for a fraction of a second, and Python takes a second or more to start and import
-what it computes with. A run of many jobs starts a process that imports everything once and listens, in each image that
-its jobs run in. A stage's command that finds its address in ``VIBRAVERSE_WARM`` hands it what it was asked, with its
-own input, output and environment, and waits. The job is the same: the log, the limits, the products. Where nothing
-listens, or the command comes from another installation or wants more threads, it works by itself.
+A job of a small object computes for a fraction of a second, but Python takes a second or more to start and import its
+libraries. A run of many jobs starts a process that imports everything once and listens, one in each image of its jobs.
+A stage's command that finds the address in ``VIBRAVERSE_WARM`` sends its arguments, files and environment, and waits.
+The job is the same: its log, its limits, its products. A command runs by itself if nothing listens, if it comes from
+another installation, or if it wants more threads.
 
-The warm process forks a job for each command. It tells the command the job's exit status, and kills the job when the
-command is gone. It ends with the run that started it, however that ends; jobs that still work then go on to their end.
+The warm process forks a job for each command. It returns the job's exit status to the command, and kills the job when
+the command is gone. It ends with the run that started it, however that ends; jobs that still work then finish.
 """
 
 from __future__ import annotations
@@ -34,33 +34,33 @@ from vibraverse.machine import containers, warm
 from vibraverse.machine.compiled import use_compiled_loops
 from vibraverse.machine.threads import ROUNDING, set_threads
 
-#: Fewer jobs than this take less than the warm process's own imports.
-WORTHWHILE = 10
-_GONE = select.POLLHUP | select.POLLERR | select.POLLRDHUP
+#: Fewest jobs for which a warm process saves more time than its imports take.
+MIN_JOBS = 10
+_HANGUP = select.POLLHUP | select.POLLERR | select.POLLRDHUP
 
 
 def keep_warm(jobs: Mapping[str, int], apptainer_args: str = "") -> None:
-    """Start a warm process for the jobs that this process is going to start, where they are many.
+    """Start a warm process for the jobs that this process is going to start, if they are many.
 
-    ``jobs`` counts them by the image that they run in, "" for those that run in none; there is a process for each.
-    ``apptainer_args`` are the run's own, so that the process sees what its jobs would see. A process listens as soon as
-    it has imported; commands that come earlier work by themselves.
+    ``jobs`` counts them by image, "" for those outside an image; each image gets a process of its own.
+    ``apptainer_args`` are the run's own, so that the process sees the same files as its jobs. A process listens after
+    its imports; commands that come earlier run by themselves.
     """
-    images = [image for image, count in jobs.items() if count >= WORTHWHILE]
+    images = [image for image, count in jobs.items() if count >= MIN_JOBS]
     if not images or warm.VARIABLE in os.environ:
         return
     address = f"vibraverse-{os.getpid()}-{secrets.token_hex(8)}"
-    # Nobody holds the pipe's writing end any more when this process has ended, so that the others read its end.
+    # The end of this process closes the writing end of the pipe, and so tells the warm processes that the run is over.
     reading, _held = os.pipe()
     for image in images:
-        # -P: what lies in the working folder is no module.
+        # -P: Python must not import modules from the working folder.
         command = ["-P", "-m", "vibraverse", warm.SUBCOMMAND, address]
         subprocess.Popen(
             [sys.executable, *command]
             if not image
             else [*_in_image(image, apptainer_args), "python", *command],
             stdin=reading,
-            # Who reads what the run says until its end need not wait for this process's.
+            # A reader of the run's output must not have to wait for this process to end.
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
@@ -74,19 +74,19 @@ def _in_image(image: str, arguments: str) -> list[str]:
 
 
 def serve(main: Callable[[list[str]], int], address: str) -> None:
-    """Import, then fork jobs until the pipe that is the input has no writer any more; ``main`` is the command line."""
+    """Import, then fork jobs until the pipe on standard input has no writer; ``main`` is the command line."""
     run_ends = os.dup(sys.stdin.fileno())
     use_compiled_loops()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the run, which tells by ending
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the run, and its end ends this process
     for step in preparation():
         if select.select([run_ends], [], [], 0)[0]:
             return
-        with contextlib.suppress(Exception):  # a job that needs it will say what is wrong with it
+        with contextlib.suppress(Exception):  # a job that needs the module reports its error
             step()
-    if threads() > 1:  # a fork might wait for ever for one that it does not have
+    if threads() > 1:  # a fork lacks the other threads and might wait for them for ever
         return
     gc.collect()
-    gc.freeze()  # or a job's first collection writes into every object, and the kernel copies each one's page
+    gc.freeze()  # otherwise a job's first collection writes to every object, and the kernel copies each page
     with socket.socket(socket.AF_UNIX) as listening:
         listening.bind(warm.socket_name(address))
         listening.listen(64)
@@ -94,7 +94,7 @@ def serve(main: Callable[[list[str]], int], address: str) -> None:
 
 
 def preparation() -> list[Callable[[], object]]:
-    """Return what is done before any job: import what stages need, and let libraries do what they first do."""
+    """Return the steps before the first job: import the modules of all stages, then initialise their libraries."""
     set_threads(1)
     stages = [f"vibraverse.stages.{step.name}" for step in STEPS]
     imported = dict.fromkeys(name for step in STEPS for name in step.imports)
@@ -103,12 +103,12 @@ def preparation() -> list[Callable[[], object]]:
 
 
 def _prepare(stage: str) -> None:
-    """Let a stage's libraries do what they first do."""
+    """Initialise a stage's libraries."""
     getattr(sys.modules[stage], "prepare", lambda: None)()
 
 
 class Server:
-    """Forks a job for every command that connects, until ``run_ends`` tells that the run is over and no job is left."""
+    """The server that forks a job for every command, until ``run_ends`` hangs up and no job is left."""
 
     def __init__(self, main: Callable[[list[str]], int], listening: socket.socket, run_ends: int):
         self._main = main
@@ -116,14 +116,14 @@ class Server:
         self._identity = warm.identity()
         self._poll = select.poll()
         self._poll.register(listening, select.POLLIN)
-        self._poll.register(run_ends, _GONE)
-        self._connections: dict[
-            int, tuple[socket.socket, int, int]
-        ] = {}  # and the job's number and descriptor
-        self._jobs: dict[int, int] = {}  # a job's descriptor -> that of its connection
+        self._poll.register(run_ends, _HANGUP)
+        #: Descriptor of a connection -> the connection, its job's process number and pidfd.
+        self._connections: dict[int, tuple[socket.socket, int, int]] = {}
+        #: Pidfd of a job -> descriptor of its connection.
+        self._jobs: dict[int, int] = {}
 
     def serve(self) -> None:
-        """Work until the run is over."""
+        """Serve commands until the run is over."""
         open_ = True
         while open_ or self._jobs:
             for descriptor, _ in self._poll.poll():
@@ -131,7 +131,7 @@ class Server:
                     open_ = False
                     self._poll.unregister(self._run_ends)
                     self._poll.unregister(self._listening)
-                    # A job that was just forked may hold it, too. Commands that wait there work by themselves.
+                    # A job that was just forked may hold the socket too. Commands that wait there run by themselves.
                     self._listening.shutdown(socket.SHUT_RDWR)
                     self._listening.close()
                 elif descriptor in self._jobs:
@@ -140,7 +140,7 @@ class Server:
                     self._poll.unregister(descriptor)
                     os.kill(self._connections[descriptor][1], signal.SIGKILL)
                 elif open_ and descriptor == self._listening.fileno():
-                    self._begin()  # any other is that of a command that went together with its job, a moment ago
+                    self._begin()  # any other descriptor belongs to a command and job that have both just ended
 
     def _begin(self) -> None:
         """Fork the job of the next command."""
@@ -151,7 +151,7 @@ class Server:
         server = os.getpid()
         try:
             job = os.fork()
-        except OSError:  # no memory, or too many processes: the command works by itself, or fails by itself
+        except OSError:  # no memory, or too many processes: the command runs or fails by itself
             self._answer(connection, warm.DECLINED)
             return
         if job == 0:
@@ -165,11 +165,11 @@ class Server:
         watched = os.pidfd_open(job)
         self._connections[connection.fileno()] = connection, job, watched
         self._jobs[watched] = connection.fileno()
-        self._poll.register(connection, _GONE)
+        self._poll.register(connection, _HANGUP)
         self._poll.register(watched, select.POLLIN)
 
     def _end(self, watched: int) -> None:
-        """Tell the command how its job ended."""
+        """Return the job's exit status to its command."""
         descriptor = self._jobs.pop(watched)
         connection, job, _ = self._connections.pop(descriptor)
         self._poll.unregister(watched)
@@ -185,7 +185,7 @@ class Server:
             connection.sendall(str(status).encode())
 
     def _close(self) -> None:
-        """Close, in a job, what is the server's: a command waits until nobody holds its connection."""
+        """Close the server's descriptors in a job: a command waits until no process holds its connection."""
         self._listening.close()
         os.close(self._run_ends)
         for connection, _, watched in self._connections.values():
@@ -194,12 +194,12 @@ class Server:
 
 
 def _work(main: Callable[[list[str]], int], connection: socket.socket, identity: list[str]) -> int:
-    """Do a command as its own process would; return its exit status."""
+    """Run a command as its own process would; return its exit status."""
     with connection:
         head, files, _, _ = socket.recv_fds(connection, warm.LENGTH.size, 3)
         message = connection.makefile("rb").read(warm.LENGTH.unpack(head)[0])
     try:
-        theirs, folder, mask, argv, environment = warm.understood(message)
+        theirs, folder, mask, argv, environment = warm.parse(message)
     except ValueError:
         return warm.DECLINED
     rounding = {name: environment.get(name, os.environ.get(name)) for name in ROUNDING}
@@ -215,7 +215,7 @@ def _work(main: Callable[[list[str]], int], connection: socket.socket, identity:
     os.environ.clear()
     os.environ.update(environment)
     os.environ.pop(warm.VARIABLE, None)
-    tempfile.tempdir = None  # to be looked up in this environment
+    tempfile.tempdir = None  # tempfile must look it up again in the command's environment
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
         status = main(argv)
