@@ -13,13 +13,14 @@ def run(job: Job) -> None:
     from vibraverse.files.basis import write_basis
     from vibraverse.files.tets import read_tets
     from vibraverse.physics.basis import build_basis
+    from vibraverse.physics.breakdown import refused_breakdown
     from vibraverse.physics.factorisation import load
 
     points, cells = read_tets(job.inputs["tets"])
     options = job.options
     load(options.factorisation)
     keep_memory()
-    with limited_memory(options.memory_mb, "The eigensolver", "basis.memory_mb"):
+    with limited_memory(options.memory_mb, "The eigensolver", "basis.memory_mb"), refused_breakdown():
         basis = build_basis(
             points,
             cells,

@@ -48,13 +48,14 @@ def run(job: Job) -> None:
     import h5py
 
     from vibraverse.files.basis import read_basis
+    from vibraverse.physics.breakdown import refused_breakdown
     from vibraverse.physics.shapes import mode_shapes
 
     size_m, size_origin = object_size(job.options, read_json(job.inputs["clean_record"]))
     scale_m = size_m / LONGEST_SIDE
     with h5py.File(job.inputs["basis"]) as h5:
         basis = read_basis(h5, surface=False)
-    with hdf5(job.outputs["modes"]) as h5:
+    with hdf5(job.outputs["modes"]) as h5, refused_breakdown():
         h5.attrs["object"] = job.object
         h5.attrs["solidity"] = job.solidity
         h5.attrs["size_m"] = size_m
