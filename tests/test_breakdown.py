@@ -28,5 +28,5 @@ def test_a_matrix_that_is_not_positive_definite_refuses_the_body(solve):
 
 
 def test_a_wrong_shape_is_a_mistake_of_ours():
-    with pytest.raises(ValueError, match="shapes|mismatch"), refused_breakdown():
+    with pytest.raises(ValueError, match="mismatch"), refused_breakdown():
         np.eye(2) @ np.eye(3)
