@@ -4,9 +4,9 @@
 
 Makes a dataset's folder of indices alone: shards with their texts (index, refusals) and one empty group per object, and
 from these, by the library, ``splits.tsv``, ``index.h5``, ``index.parquet`` and ``dataset.json``. No arrays: opening
-reads none. Numbers are drawn, so columns pack worse than real ones, where materials of a body share most. A hundredth
-of the objects is refused. Each side runs in a process of its own, on warm files; ``import`` is a process that imports
-and opens nothing, and the others' memory is above it. ``parquet`` includes the import of pyarrow.
+reads none. Numbers are drawn, so columns pack worse than real ones; a hundredth of the objects is refused. Each side
+opens and narrows once, in a process of its own, on warm files; ``import`` is a process that imports and opens nothing,
+and the others' memory is above it. ``parquet`` includes the import of pyarrow.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from __future__ import annotations
 import argparse
 import json
 import pickle
+import random
 import re
 import subprocess
 import sys
@@ -22,7 +23,6 @@ import time
 from pathlib import Path
 
 import h5py
-import numpy as np
 
 import vibraverse.dataset
 from vibraverse.dataset import schema
@@ -44,10 +44,7 @@ def main() -> None:
     parser.add_argument("--side", choices=SIDES)
     arguments = parser.parse_args()
     if arguments.side:
-        start = time.perf_counter()
-        said = SIDES[arguments.side](arguments.folder)
-        took = time.perf_counter() - start
-        print(json.dumps([took, peak_mb(), said]))
+        print(json.dumps(measured(SIDES[arguments.side], arguments.folder)))
         return
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.folder or Path(temporary)
@@ -57,6 +54,17 @@ def main() -> None:
             if (folder / name).is_file():
                 print(f"{name}: {(folder / name).stat().st_size / 1e6:.1f} MB")
         compare(folder)
+
+
+def measured(side, folder: Path) -> list[float]:
+    """Return seconds to open, seconds to narrow, peak memory in MB up to there, and bytes of the pickled part."""
+    start = time.perf_counter()
+    narrow = side(folder)
+    opened = time.perf_counter()
+    part = narrow()
+    narrowed = time.perf_counter()
+    most = peak_mb()
+    return [opened - start, narrowed - opened, most, len(pickle.dumps(part))]
 
 
 def peak_mb() -> float:
@@ -70,7 +78,7 @@ def make(folder: Path, objects: int) -> None:
     from vibraverse.dataset.write.parquet import write_parquet
 
     (folder / "shards").mkdir(parents=True)
-    draw = np.random.default_rng(1)
+    draw = random.Random(1)
     splits = []
     for number, first in enumerate(range(0, objects, _A_SHARD)):
         shard = f"{number:05d}.h5"
@@ -89,7 +97,7 @@ def make(folder: Path, objects: int) -> None:
                 h5.create_group(f"objects/{name}")
             h5[schema.INDEX] = to_tsv(rows, schema.SHARD_COLUMNS)
             h5[schema.REFUSALS] = to_tsv([refused], schema.REFUSAL_COLUMNS)
-        splits += [{"object": name, "split": str(draw.choice(_SPLITS)), "copy_of": ""} for name in names]
+        splits += [{"object": name, "split": draw.choice(_SPLITS), "copy_of": ""} for name in names]
     (folder / "splits.tsv").write_text(to_tsv(splits, schema.SPLIT_COLUMNS))
     shards = sorted((folder / "shards").iterdir())
     index = reading.of_shards(shards, reading.splits_at(folder))
@@ -118,7 +126,7 @@ def rows_of(name: str, shard: str, draw) -> list[dict]:
     about |= {"title": f"The {name}", "licence": "CC0-1.0", "size_m": draw.uniform(0.05, 0.5)}
     rows = []
     for solidity in ("solid", "hollow"):
-        volume, tetrahedra = draw.uniform(1e-6, 1e-3), int(draw.integers(4000, 20_000))
+        volume, tetrahedra = draw.uniform(1e-6, 1e-3), draw.randrange(4000, 20_000)
         body = {
             "solidity": solidity,
             "size_origin": "generated",
@@ -126,7 +134,7 @@ def rows_of(name: str, shard: str, draw) -> list[dict]:
             "tetrahedra": tetrahedra,
         }
         for material in _MATERIALS:
-            f1, last, duration, mass = draw.uniform(0.1, 2, 4)
+            f1, last, duration, mass = (draw.uniform(0.1, 2) for _ in range(4))
             own = {
                 "material": material,
                 "mass_kg": mass,
@@ -138,7 +146,7 @@ def rows_of(name: str, shard: str, draw) -> list[dict]:
     return rows
 
 
-def dictionaries(folder: Path) -> str:
+def dictionaries(folder: Path):
     """Open as it was done before: a dictionary for every row, and another one with its split."""
     items, refusals, shard_of = [], [], {}
     for shard in reading.shards_at(folder):
@@ -155,38 +163,33 @@ def dictionaries(folder: Path) -> str:
         }
         for row in items
     ]
-    start = time.perf_counter()
-    train = [row for row in items if row["split"] == "train" and row["material"] in {"steel"}]
-    narrowed = time.perf_counter() - start
-    return f"{len(items)} items, where {1000 * narrowed:.0f} ms for {len(train)}, pickle {len(pickle.dumps(items)):,} B"
+    return lambda: [row for row in items if row["split"] == "train" and row["material"] == "steel"]
 
 
-def columns(folder: Path) -> str:
-    return narrowed(vibraverse.dataset.open(folder))
+def columns(folder: Path):
+    reader = vibraverse.dataset.open(folder)
+    return lambda: reader.where(split="train", material="steel")
 
 
-def shards(folder: Path) -> str:
-    """Open as where ``index.h5`` is not there, by column."""
-    return narrowed(Reader(reading.of_shards(reading.shards_at(folder), reading.splits_at(folder))))
+def shards(folder: Path):
+    """Open by column where ``index.h5`` is not there."""
+    index = reading.of_shards(reading.shards_at(folder), reading.splits_at(folder))
+    index.source = folder
+    reader = Reader(index)
+    return lambda: reader.where(split="train", material="steel")
 
 
-def narrowed(reader: Reader) -> str:
-    start = time.perf_counter()
-    train = reader.where(split="train", material="steel")
-    took = time.perf_counter() - start
-    return f"{len(reader)} items, where {1000 * took:.0f} ms for {len(train)}, pickle {len(pickle.dumps(train)):,} B"
-
-
-def parquet(folder: Path) -> str:
+def parquet(folder: Path):
     """Read ``index.parquet`` with pyarrow, texts as dictionaries, which ``learn`` and ``report`` lack."""
     import pyarrow.parquet as pq
 
     texts = [name for name, (kind, _) in schema.INDEX_COLUMNS.items() if kind is str]
-    return f"{len(pq.read_table(folder / 'index.parquet', read_dictionary=texts))} items"
+    table = pq.read_table(folder / "index.parquet", read_dictionary=texts)
+    return lambda: len(table)
 
 
 SIDES = {
-    "import": lambda folder: "",
+    "import": lambda folder: lambda: None,
     "dictionaries": dictionaries,
     "columns": columns,
     "shards": shards,
@@ -195,16 +198,15 @@ SIDES = {
 
 
 def compare(folder: Path) -> None:
-    print("| side | s | MB above the import | it holds |\n| --- | --- | --- | --- |")
+    print("| side | open, s | where, s | MB above the import | pickled part, B |\n|" + 5 * " --- |")
     base, found = 0.0, {}
     for side in SIDES:
         words = [sys.executable, __file__, "--folder", str(folder), "--side", side]
-        took, most, said = json.loads(
-            subprocess.run(words, check=True, capture_output=True, text=True).stdout
-        )
+        done = subprocess.run(words, check=True, capture_output=True, text=True)
+        opened, narrowed, most, pickled = json.loads(done.stdout)
         base = base or most
-        found[side] = took, most - base
-        print(f"| {side} | {took:.2f} | {most - base:.0f} | {said or f'{base:.0f} MB'} |", flush=True)
+        found[side] = opened, most - base
+        print(f"| {side} | {opened:.2f} | {narrowed:.3f} | {most - base:.0f} | {pickled:,} |", flush=True)
     (old_s, old_mb), (new_s, new_mb) = found["dictionaries"], found["columns"]
     faster, less = old_s / new_s, old_mb / max(new_mb, 0.1)
     print(f"columns against dictionaries: {faster:.0f} times faster, {less:.0f} times less memory")
