@@ -281,7 +281,7 @@ def test_few_shards_are_kept_open(results, monkeypatch):
     def files() -> int:
         return sum(Path(link).resolve().suffix == ".h5" for link in Path("/proc/self/fd").iterdir())
 
-    monkeypatch.setattr("vibraverse.dataset.read.reader._MOST_OPEN", 1)
+    monkeypatch.setattr("vibraverse.dataset.read.reader.MAX_OPEN_SHARDS", 1)
     before = files()
     with vibraverse.dataset.open(results / "dataset") as reader:
         assert files() == before

@@ -41,7 +41,9 @@ def main(argv: list[str]) -> int:
         )
     try:
         with gpus.Claim(chosen.claim, chosen.wait, inherited=True):
-            signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # Python ignores it, and the program would inherit that
+            signal.signal(
+                signal.SIGPIPE, signal.SIG_DFL
+            )  # Python ignores it, and the program would inherit that
             os.execvp(command[0], command)
     except gpus.NoGPU as missing:
         raise UsageError(str(missing)) from None

@@ -23,8 +23,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="vibraverse status",
         parents=[run_arguments()],
-        description="Show how far a run is, by the products that exist. `snakemake -n` tells which are out of date, and "
-        "why.",
+        description="Show how far a run is, by the products that exist. `snakemake -n` tells which are stale, and why.",
     )
     chosen = parser.parse_args(argv)
     plan = Plan(run_config(chosen))

@@ -38,7 +38,7 @@ def unknown(kind: str, name: str, known) -> str:
 
 def listed(subject: str, mistakes: Sequence[str]) -> str:
     """Return the sentence that ``subject`` has several mistakes, and the first of them, one per line."""
-    shown = [*mistakes[:_SHOWN_MISTAKES], *and_more(len(mistakes), SHOWN_MISTAKES)]
+    shown = [*mistakes[:_SHOWN_MISTAKES], *and_more(len(mistakes), _SHOWN_MISTAKES)]
     return "\n".join([f"{subject} has {len(mistakes)} mistakes:", *(f"  {line}" for line in shown)])
 
 

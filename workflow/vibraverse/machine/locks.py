@@ -121,7 +121,9 @@ def orphans(results: str | Path, names: Iterable[str] | None = None) -> list[tup
     ``names`` are the objects and shards to look at (None: all); no other run may work on them.
     """
     wanted = None if names is None else set(names)
-    begun = list(journal.begun(results))  # before the runs, because a run's file exists before those of its jobs
+    begun = list(
+        journal.begun(results)
+    )  # before the runs, because a run's file exists before those of its jobs
     runs, found = set(), []
     for file, run in journal.runs(results):
         if journal.works(file, run):

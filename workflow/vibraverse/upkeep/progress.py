@@ -58,8 +58,8 @@ class Survey:
 
     ``objects`` counts objects by state: ``done``, ``refused`` (nothing is left), ``begun`` and ``missing``.
     ``body_by_body`` counts refused objects whose bodies were refused one by one; ``in_part`` counts objects with one
-    refused body. ``jobs`` counts jobs by stage and state: ``done``, ``refused``, ``running``, ``stopped`` (begun, but no
-    process works on it) and ``waiting``. ``works`` are the running jobs, those of shards and the dataset included.
+    refused body. ``jobs`` counts jobs by stage and state: ``done``, ``refused``, ``running``, ``stopped`` (begun, but
+    no process works on it) and ``waiting``. ``works`` are the running jobs, those of shards and the dataset included.
     ``runs`` counts the runs that work. ``refusals`` are rows of ``refusals.tsv``. ``stopped`` lists the logs of stopped
     jobs. ``strangers`` counts objects that the configuration does not name.
     """
@@ -89,7 +89,9 @@ class Survey:
 
 def survey(plan: Plan) -> Survey:
     """Return the state of all configured objects."""
-    begun = list(journal.begun(plan.paths.results))  # before the runs: a run's file exists before those of its jobs
+    begun = list(
+        journal.begun(plan.paths.results)
+    )  # before the runs: a run's file exists before those of its jobs
     runs = journal.working_runs(plan.paths.results)
     works, stopped = _working_and_stopped(begun, plan.paths, set(runs))
     others = [work for job, work in works.items() if work.orphaned or job[0] not in _CHAIN_STAGES]
