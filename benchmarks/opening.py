@@ -1,12 +1,12 @@
-"""What it takes to open a dataset of 800,000 items: rows as dictionaries from the shards' texts, and by column.
+"""Cost of opening a dataset of 800,000 items: rows as dictionaries from the shards' texts, and columnar.
 
     python benchmarks/opening.py [--objects 50000] [--folder FOLDER]
 
-Makes a dataset's folder of indices alone: shards with their texts (index, refusals) and one empty group per object, and
-from these, by the library, ``splits.tsv``, ``index.h5``, ``index.parquet`` and ``dataset.json``. No arrays: opening
-reads none. Numbers are drawn, so columns pack worse than real ones, where materials of a body share most. A hundredth
-of the objects is refused. Each side runs in a process of its own, on warm files; ``import`` is a process that imports
-and opens nothing, and the others' memory is above it. ``parquet`` includes the import of pyarrow.
+Makes a dataset's folder with indices only: shards with their texts (index, refusals) and one empty group per object,
+and ``splits.tsv``, ``index.h5``, ``index.parquet`` and ``dataset.json``, which the library makes from them. There are
+no arrays, because opening reads none. Numbers are random, so columns compress worse than real ones. A hundredth of the
+objects is refused. Each side runs in a process of its own, with files in the page cache. ``import`` is a process that
+only imports; the memory of the others is the difference to it. ``parquet`` includes the import of pyarrow.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def peak_mb() -> float:
-    """Return the most memory that this process held; what getrusage says counts its parent's before it began, too."""
+    """Return the peak memory of this process; unlike getrusage, without that of its parent before the fork."""
     return int(re.search(r"VmHWM:\s*(\d+) kB", Path("/proc/self/status").read_text())[1]) / 1024
 
 
@@ -139,7 +139,7 @@ def rows_of(name: str, shard: str, draw) -> list[dict]:
 
 
 def dictionaries(folder: Path) -> str:
-    """Open as it was done before: a dictionary for every row, and another one with its split."""
+    """Open as earlier versions did: a dictionary for every row, and another one with its split."""
     items, refusals, shard_of = [], [], {}
     for shard in reading.shards_at(folder):
         with h5py.File(shard) as h5:
@@ -166,7 +166,7 @@ def columns(folder: Path) -> str:
 
 
 def shards(folder: Path) -> str:
-    """Open as where ``index.h5`` is not there, by column."""
+    """Open without ``index.h5``, columnar from the shards."""
     return narrowed(Reader(reading.of_shards(reading.shards_at(folder), reading.splits_at(folder))))
 
 
@@ -178,7 +178,7 @@ def narrowed(reader: Reader) -> str:
 
 
 def parquet(folder: Path) -> str:
-    """Read ``index.parquet`` with pyarrow, texts as dictionaries, which ``learn`` and ``report`` lack."""
+    """Read ``index.parquet`` with dictionary-encoded texts by pyarrow, which ``learn`` and ``report`` lack."""
     import pyarrow.parquet as pq
 
     texts = [name for name, (kind, _) in schema.INDEX_COLUMNS.items() if kind is str]
