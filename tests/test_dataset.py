@@ -352,7 +352,7 @@ def test_reading_needs_only_numpy_and_h5py(results):
 
 
 def test_control_characters_of_files_reach_no_shard(tmp_path):
-    """HDF5 texts hold no NUL, and a mesh file may hold any byte."""
+    """HDF5 texts cannot hold NUL, but a mesh file may hold any byte."""
     paths = make_products.make(tmp_path, objects=("bar-0000", "leaf"))
     record = Path(paths.at(paths.source_record, object="bar-0000"))
     source = products.read_json(record)

@@ -1,4 +1,4 @@
-"""Exports: other programs' forms, holding what the dataset holds."""
+"""Exports: formats of other programs, with the content of the dataset."""
 
 from __future__ import annotations
 
