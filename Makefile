@@ -8,7 +8,7 @@ SHELL := /bin/bash
 .PHONY: help env demo test lint lock docs clean dev learn containers test-cluster
 unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
-# The environment's commands first, so that rules and tests find `vibraverse`.
+# Puts the environment's commands first, so that rules and tests find `vibraverse`.
 IN_VENV = PATH="$$(realpath '$(VENV)')/bin:$$PATH"
 
 help:  ## list these commands
@@ -27,7 +27,7 @@ test: dev  ## run the tests, then those of learning in their own environment
 	@envs/env.sh '$(LEARN)' learn dev
 	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" pytest tests/learn
 
-test-cluster: dev  ## run chains through a Slurm and images made here; as root, on Debian (SHORT=1: no accidents)
+test-cluster: dev  ## run the workflow through a Slurm and images made here; as root, on Debian (SHORT=1: no accidents)
 	@$(IN_VENV) pytest tests/cluster $(if $(SHORT),-m 'not long')
 
 lint: dev  ## check formatting, style and the workflow's rules
@@ -45,10 +45,10 @@ learn:  ## make or update .venv-learn, the environment with torch
 containers: env  ## build the container images that are out of date (BASE=debian: from this machine's apt)
 	@$(IN_VENV) python containers/build.py $(if $(BASE),--base '$(BASE)') $(FAMILIES)
 
-lock: env  ## write envs/*.txt and envs/*.yaml anew from pyproject.toml (UPGRADE=1: newest versions)
+lock: env  ## rewrite the lock files envs/*.txt and envs/*.yaml from pyproject.toml (UPGRADE=1: newest versions)
 	@$(IN_VENV) python envs/lock.py $(if $(UPGRADE),--upgrade)
 
-docs: dev  ## write the configuration's schema and reference anew, after a change of its sections
+docs: dev  ## rewrite the configuration's schema and reference, after a change of its sections
 	@$(IN_VENV) vibraverse config schema > workflow/schemas/config.schema.json
 	@sed -i '/^## Top level/,$$d' docs/configuration.md
 	@$(IN_VENV) vibraverse config reference >> docs/configuration.md

@@ -10,7 +10,7 @@ from vibraverse.machine import internals, preflight
 
 min_version("9.20")
 
-# A file given with --configfile stands alone (rules/common.smk): one that lies here is not even read.
+# A file given with --configfile is the whole configuration (rules/common.smk); config.yaml is then not read.
 if not internals.config_files(workflow):
     with preflight.readable("config.yaml"):
 

@@ -1,11 +1,11 @@
-"""How far the default resolution is from a fine one: frequencies of generated and bundled objects, solid and hollow.
+"""Error of the default resolution against a fine one: frequencies of generated and bundled objects, solid and hollow.
 
 python benchmarks/accuracy.py [--fine 25000] nut bowl-0000 bell-0000:hollow block ball ...
 
-Bodies of the validation go by their names.
+Bodies of the validation are given by name.
 
-Both meshes come from the same path; the fine one, corrected, stands in for the truth. Errors are those of the default
-mesh as its elements give the frequencies, and with their own error taken out. Some 6 GB of memory at 25,000 elements.
+Both meshes are made by the same code; the corrected frequencies of the fine one are the reference. Errors are those of
+the default mesh before and after the correction of the element error. Needs about 6 GB of memory at 25,000 elements.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def main() -> None:
     )
     print("|" + 5 * " --- |")
     for name in arguments.objects:
-        # A process each, because the sparse solver keeps the memory of the largest mesh.
+        # One process each, because the sparse solver keeps the memory of the largest mesh.
         with multiprocessing.get_context("spawn").Pool(1) as pool:
             print(pool.apply(_row, (name, arguments.target, arguments.fine)), flush=True)
 

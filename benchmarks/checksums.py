@@ -1,4 +1,4 @@
-"""What it costs to trace a wrong byte in a shard: checksums of an object's content, against HDF5's own Fletcher32.
+"""Cost of tracing a wrong byte in a shard: checksums of an object's content, against HDF5's own Fletcher32.
 
 python benchmarks/checksums.py [results/dataset/shards/*.h5]
 """
@@ -49,7 +49,7 @@ def numbers(group) -> list:
 
 
 def copied(arrays, fletcher32: bool) -> str:
-    """Write the arrays anew and read them; return bytes, how many can have the checksum, and the time of reading."""
+    """Write the arrays to a new file and read them; return bytes, arrays that can have the checksum, reading time."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "copy.h5"
         with h5py.File(path, "w") as h5:
@@ -64,7 +64,7 @@ def copied(arrays, fletcher32: bool) -> str:
 
 
 def seconds(function) -> float:
-    """Return the least CPU time of three calls."""
+    """Return the shortest CPU time of three calls in seconds."""
     times = []
     for _ in range(3):
         started = time.process_time()

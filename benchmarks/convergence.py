@@ -1,8 +1,8 @@
-"""How the error of the first 20 frequencies falls with the number of unknowns, for linear and quadratic elements.
+"""Convergence of the first 20 frequencies with the number of unknowns, for linear and quadratic elements.
 
 python benchmarks/convergence.py [--fine 18000] [block ball hollow-ball nut bowl-0000]
 
-Bodies of the validation are held against their references, others against corrected quadratic elements on a fine mesh.
+Bodies of the validation are compared with their references, others with corrected quadratic elements on a fine mesh.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ def finest(name: str, fine: int):
 
 
 def frequencies(mesh, order: int, poisson: float, scale_m: float) -> tuple[int, np.ndarray, np.ndarray]:
-    """Return the number of unknowns and the frequencies as the elements give them, then corrected, for E = ρ = 1."""
+    """Return the number of unknowns, and the frequencies before and after correction, for E = ρ = 1."""
     from vibraverse.physics.basis import build_basis
     from vibraverse.physics.modes import solve_material
 

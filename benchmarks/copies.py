@@ -1,10 +1,10 @@
-"""How far apart the fingerprints of copies are, and those of objects that merely look alike.
+"""Differences between the fingerprints of copies, and of objects that only look alike.
 
     python benchmarks/copies.py [--numbers 12] [--pairs 12] [OBJECT ...]
 
-Copies: turned and scaled; a third of the triangles split; thinned to half the triangles. Look-alikes: of all generated
-objects with those numbers, the pairs whose moments are nearest. Differences are of logarithms, in per cent: the largest
-of the moments, the median and the largest of 20 frequencies. Tolerances: 1, 0.5 and 3 %.
+Copies: rotated and scaled; a third of the triangles split; decimated to half the triangles. Look-alikes: the pairs with
+the nearest moments among all generated objects with those numbers. Differences are of logarithms, in per cent: the
+largest of the moments, the median and the largest of 20 frequencies. Tolerances: 1, 0.5 and 3 %.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Distance to a surface on the 128³ grid: this project's loops against Open3D's point queries, both in one run.
+"""Distance to a surface on the 128³ grid: this project's loops against Open3D's point queries, in the same run.
 
     python benchmarks/distance.py [--cells 128] results/objects/*/surface.ply
 
@@ -42,7 +42,7 @@ def main() -> None:
     arguments = parser.parse_args()
     x = cell_centres(arguments.cells)
     points = np.stack(np.meshgrid(x, x, x, indexing="ij"), axis=-1).astype(np.float32)
-    # The first call compiles; that happens once per installation.
+    # The first call compiles, which happens once per installation.
     grid_distance(np.eye(3), np.array([[0, 1, 2]]), *[x[:2]] * 3)
     print(f"{'object':<20} {'triangles':>9} {'ours':>7} {'Open3D':>7} {'ratio':>6}  difference")
     for path in arguments.surfaces:

@@ -1,14 +1,14 @@
-"""Equal matrices, 70 eigenpairs: this project's solvers against the usual call, both sides in one run.
+"""70 eigenpairs of the same matrices: this project's solvers against the usual call, in the same run.
 
     python benchmarks/eigensolver.py [--unknowns 8000 55000] [--bodies box bowl-0000 bell-0000:hollow] [--orders 2 1]
 
-The usual call is ``scipy.sparse.linalg.eigsh(K, M=M, k=70, sigma=20000)``, which factorises with SuperLU; its shift is
-positive, here put at the same place in the spectrum, far below the first elastic eigenvalue of the published objects.
-Every solver runs in a process of its own on one thread. Printed are its CPU seconds, from matrices to eigenpairs and
-for this project's with the proof that none is missing; the largest relative residual; and the peak of memory, in which
-the matrices and libraries are included. With --basis also the whole basis for Poisson's ratios 0.1 to 0.4: from
-matrices like the others, and from a mesh with what takes the elements' own error out.
-150,000 unknowns take SuperLU five gigabytes on a thin body, more on a box.
+The usual call is ``scipy.sparse.linalg.eigsh(K, M=M, k=70, sigma=20000)``, which factorises with SuperLU. Its shift is
+positive; here it is at the same place in the spectrum, far below the first elastic eigenvalue of the published objects.
+Every solver runs in a process of its own on one thread. Printed are: CPU seconds from matrices to eigenpairs (for this
+project's solvers with the proof that none is missing), the largest relative residual, and the peak memory including
+matrices and libraries. --basis adds the whole basis for Poisson's ratios 0.1 to 0.4: from matrices like the others, and
+from a mesh with the correction of the element error.
+At 150,000 unknowns SuperLU takes five gigabytes on a thin body, and more on a box.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from accuracy import surface  # noqa: E402
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests"))
 
 POISSON, MODES, TOLERANCE = 0.3, 64, 1e-6
-#: Unknowns per tetrahedron of order 2 and 1 on coarse to fine meshes, to begin with.
+#: First guess of unknowns per tetrahedron, by order.
 PER_CELL = {2: 5.0, 1: 0.7}
 
 
@@ -77,13 +77,13 @@ def _compare(folder: Path, body: str, order: int, unknowns: int, solvers: list[s
 
 
 def _alone(function, *arguments):
-    """Run in a fresh process: memory's peak is its own, and the sparse solvers keep none."""
+    """Run in a fresh process, so that peak memory is its own and the sparse solvers keep none."""
     with multiprocessing.get_context("spawn").Pool(1) as pool:
         return pool.apply(function, arguments)
 
 
 def _prepare(folder: Path, body: str, order: int, unknowns: int) -> int:
-    """Write mesh and operators of about the wanted size."""
+    """Write mesh and operators of about the requested size."""
     from vibraverse.physics.elasticity import assemble
 
     points, cells = _box(order, unknowns) if body == "box" else _meshed(body, order, unknowns)
@@ -101,7 +101,7 @@ def _box(order: int, unknowns: int):
 
 
 def _meshed(body: str, order: int, unknowns: int):
-    """Mesh an object so often that the number of unknowns comes near."""
+    """Mesh an object repeatedly until the number of unknowns is close."""
     import numpy as np
 
     from vibraverse.geometry.meshing.tets import tetrahedralise
@@ -125,7 +125,7 @@ def _meshed(body: str, order: int, unknowns: int):
 
 
 def _run(folder: Path, solver: str, lowest: float | None):
-    """Return CPU seconds, solves, the largest residual, the eigenvalues and the peak of memory in MB."""
+    """Return CPU seconds, solves, the largest residual, the eigenvalues and the peak memory in MB."""
     import numpy as np
     from scipy.sparse.linalg import eigsh
 
@@ -137,7 +137,7 @@ def _run(folder: Path, solver: str, lowest: float | None):
     from vibraverse.physics.elasticity import assemble
     from vibraverse.physics.materials import lame
 
-    # As in the stage ``basis``; the usual call is as much faster for it.
+    # As in the stage ``basis``; it speeds up the usual call by as much.
     keep_memory()
     random, solves = np.random.default_rng(0), None
     # Libraries are loaded before the clock starts.
@@ -171,7 +171,7 @@ def _run(folder: Path, solver: str, lowest: float | None):
 
 
 def _timed_apart() -> list[float]:
-    """Return the list to which from now on goes what assembly and corrections of a basis take, in CPU seconds."""
+    """Return a list to which every later assembly and correction of a basis appends its CPU seconds."""
     from vibraverse.physics import basis
 
     spent = []

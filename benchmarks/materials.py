@@ -1,10 +1,10 @@
-"""New materials from the basis against solves of their own: time, error, and what the estimate says of it.
+"""New materials from the basis against sparse solves: time, error and error estimate.
 
     python benchmarks/materials.py [--materials 20] [--sampled 1000] [OBJECT[:hollow] ...]
 
 Materials are random over the range of real ones (E 5e8 to 5e11 Pa, ρ 500 to 10,000 kg/m³, ν 0.1 to 0.4). Both sides use
-the same matrices; the sparse solve's own error is near 1e-9. A material's time is that of its frequencies, damping and
-mode shapes (as coefficients) on one thread, once the basis is read.
+the same matrices; the error of the sparse solve is about 1e-9. The time of a material covers frequencies, damping and
+mode shapes (as coefficients) on one thread, after the basis is read.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ def main() -> None:
     print("|" + 8 * " --- |")
     rows = []
     for name in arguments.objects:
-        # A process each, because the sparse solver keeps the memory of the largest mesh.
+        # One process each, because the sparse solver keeps the memory of the largest mesh.
         with multiprocessing.get_context("spawn").Pool(1) as pool:
             row = pool.apply(_row, (name, arguments.materials, arguments.sampled))
         rows.append(row)
@@ -101,7 +101,7 @@ def _row(name: str, count: int, many: int) -> dict:
     solved = solve_materials(basis, drawn, 0.1, MODES)
     sampled_s = time.process_time() - start
     error, estimate = np.concatenate(errors), np.concatenate(estimates)
-    # Below this the solve itself is not known better.
+    # Below this, the error of the sparse solve dominates.
     known = error > 1e-8
     return {
         "unknowns": operators.unknowns,

@@ -1,9 +1,10 @@
-"""What geometry makes of meshes: rung, distances, elements, quality and CPU seconds, solid and hollow, a line each.
+"""Results of the geometry stages: rung, distances, elements, quality and CPU seconds, one line per body.
 
 python benchmarks/meshes.py FILE|FOLDER...       your own meshes
-python benchmarks/meshes.py --generated 200      that many generated objects, numbered from --first
+python benchmarks/meshes.py --generated 200      this many generated objects, numbered from --first
 
-Default options. Imports and compiled loops are warm before the first measurement; a mesh that is refused says why.
+Default options. Libraries are imported and loops compiled before the first measurement. For a refused mesh, the line
+states the reason.
 """
 
 from __future__ import annotations

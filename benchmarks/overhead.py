@@ -1,14 +1,14 @@
-"""What a run costs besides computing: process starts, imports and Snakemake, for many small objects.
+"""Overhead of a run besides computing: process starts, imports and Snakemake, for many small objects.
 
 python benchmarks/overhead.py [OBJECTS] [--only plain|warm] [--repeat OBJECTS]
 
-Runs the whole workflow on compact generated objects with one core, every job started anew (plain) and as forks of a
-process that has imported (warm, the default), then repeats the command of every job, as its log states it, in one
-process in which everything is imported and compiled already and child processes are plain calls. What that takes is
-called useful computing here; the rest of a run's time is overhead.
-With --repeat only the jobs of so many objects, chosen at random, are repeated, and their mean stands for all.
-Times are CPU seconds of all processes, so that other work on the machine distorts them little; waiting for the disk is
-not in them.
+Runs the whole workflow on compact generated objects with one core, with every job as a new process (plain) and as a
+fork of a warm process (warm, the default). Then it repeats the command of every job, taken from its log, in one process
+in which everything is imported and compiled, and child processes are plain calls. The time of that is the useful
+computing; the rest of a run's time is overhead.
+With --repeat, only the jobs of that many random objects are repeated, and their mean is used for all.
+Times are CPU seconds of all processes, so that other work on the machine affects them little. They do not include
+waiting for the disk.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ images: {{looks: [clay]}}
 
 
 def snakemake(folder: Path, variables: dict[str, str]) -> float:
-    """Run the workflow; return the CPU seconds of all its processes, those that outlive it included."""
+    """Run the workflow; return the CPU seconds of all its processes, including those that outlive it."""
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     command = [
@@ -63,7 +63,7 @@ def cpu_s() -> float:
 
 
 def replay(folder: Path, objects: int | None) -> tuple[dict[str, list[float]], dict[str, int]]:
-    """Repeat jobs in this process; return stage -> the seconds of each but the first, and stage -> jobs there were."""
+    """Repeat jobs in this process; return stage -> seconds of each job but the first, and stage -> number of jobs."""
     from vibraverse import cli
     from vibraverse.contract import limits
 
@@ -86,7 +86,7 @@ def replay(folder: Path, objects: int | None) -> tuple[dict[str, list[float]], d
         jobs[command[1]] += 1
         if log.parent.name in made and log.parent.name not in chosen:
             continue
-        for _ in range(1 if kind in seen else 2):  # the first of its kind imports and compiles
+        for _ in range(1 if kind in seen else 2):  # the first job of a kind imports and compiles
             with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
                 before = cpu_s()
                 if cli.main(command[1:]) != 0:
@@ -98,7 +98,7 @@ def replay(folder: Path, objects: int | None) -> tuple[dict[str, list[float]], d
 
 
 def report(totals: dict[str, float], useful: dict[str, list[float]], jobs: dict[str, int]) -> None:
-    """Print what each stage needs, and what the runs took besides."""
+    """Print the useful computing of each stage, and the overhead of the runs."""
     print(f"{'stage':<10}{'jobs':>6}{'useful CPU s per job':>22}")
     for stage, seconds in useful.items():
         print(f"{stage:<10}{jobs[stage]:>6}{sum(seconds) / len(seconds):>22.2f}")

@@ -1,4 +1,4 @@
-"""What planning costs: `snakemake -n` over many generated objects, all at once and one slice of them.
+"""Cost of planning: `snakemake -n` over many generated objects, all at once and one slice of them.
 
 python benchmarks/planning.py [OBJECTS] [SLICES] [--slice-only]
 

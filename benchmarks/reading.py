@@ -1,10 +1,10 @@
-"""How fast a dataset is read: by field, and as a PyTorch Dataset with 0 and 2 workers.
+"""Speed of reading a dataset: by field, and as a PyTorch Dataset with 0 and 2 workers.
 
     .venv-learn/bin/python benchmarks/reading.py results/dataset [--seconds 5] [--workers 0 2] [--device cuda]
 
-Items are read in a random order, over and over, for so many seconds each, and joined into batches of 16; files are
-warm. With ``--device`` batches are pinned and moved there. The last rows draw fresh materials from the stored basis,
-which costs a dense solve per item.
+Each row reads items in random order for ``--seconds`` and joins them into batches of 16; files are in the page cache.
+With ``--device``, batches are pinned and moved there. The last rows draw fresh materials from the stored basis, which
+costs a dense solve per item.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def _fields(dataset) -> None:
-    """Print what each field costs: bytes in memory and in the file, and the time of a read."""
+    """Print the cost of each field: bytes in memory and in the file, and the time of a read."""
     print(
         "| field | kB in memory | kB in the file | ms a read, median | next of the body |\n|" + 5 * " --- |"
     )
@@ -93,7 +93,7 @@ def _stored(dataset) -> int:
 
 
 def _rate(arguments, fields, fresh, workers: int) -> float:
-    """Return items per second, the start of the workers not counted."""
+    """Return items per second, without the start of the workers."""
     import torch
 
     data = vibraverse.dataset.torch_dataset(arguments.dataset, fields, fresh=fresh)
@@ -103,7 +103,9 @@ def _rate(arguments, fields, fresh, workers: int) -> float:
         data, batch_size=_BATCH, sampler=order, num_workers=workers, pin_memory=moved
     )
     batches = iter(loader)
-    for _ in itertools.islice(batches, 4 * max(workers, 1)):  # the workers' start, and what they fetch ahead
+    for _ in itertools.islice(
+        batches, 4 * max(workers, 1)
+    ):  # skips the start of the workers and their prefetched batches
         pass
     start = time.perf_counter()
     count = 0

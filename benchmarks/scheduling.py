@@ -1,10 +1,10 @@
-"""What Snakemake itself takes while jobs run: its own CPU time, its threads, and jobs a second.
+"""Cost of Snakemake itself while jobs run: CPU time, threads, and jobs per second.
 
 python benchmarks/scheduling.py [OBJECTS] [--seconds 0.5] [--cores 8]
 
-Every stage is replaced by a shell script that sleeps and makes the files it is asked for, so that what is left is
-Snakemake with this workflow. Both sides in one run: as it is by itself, and with the patch of
-`vibraverse.machine.internals` and the default profile's `scheduler-subsample`, which is how the workflow runs it.
+A shell script that sleeps and makes the requested files replaces every stage, so that only Snakemake with this workflow
+is left. It compares, in the same run, Snakemake by itself with Snakemake as the workflow runs it: with the patch of
+`vibraverse.machine.internals` and the default profile's `scheduler-subsample`.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import tempfile
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-#: The script in place of `vibraverse`; whatever option names a path below results, makes it. A run's end reads counts.
+#: The script in place of `vibraverse`; it makes every path below results in its options. The end of a run reads counts.
 STAGE = """\
 #!/bin/sh
 sleep {seconds}
@@ -30,7 +30,7 @@ while [ $# -gt 1 ]; do
   shift
 done
 """
-#: Snakemake in a process that says at its end what it took; with `alone`, its scheduler is not mended.
+#: Snakemake in a process that prints its costs at the end; with `alone`, its scheduler is not patched.
 MEASURED = """\
 import os, resource, sys, threading, time
 from vibraverse.machine import internals
@@ -52,7 +52,7 @@ finally:
 
 
 def run(folder: Path, how: str, cores: int) -> tuple[float, float, int]:
-    """Return CPU seconds of Snakemake's own process, wall seconds and the most threads."""
+    """Return the CPU seconds of Snakemake's own process, wall seconds and the peak number of threads."""
     command = [
         sys.executable, "-c", MEASURED, how, "--snakefile", str(ROOT / "Snakefile"), "--cores", str(cores),
         "--workflow-profile", str(ROOT / "workflow/profiles/default"),

@@ -1,20 +1,20 @@
-"""Can meshing alone tell solid from hollow? Simple classifiers on what a tetrahedral mesh says of itself.
+"""Does meshing alone reveal whether a body is solid or hollow? Simple classifiers on statistics of tetrahedral meshes.
 
     python benchmarks/meshes.py --generated 150 --json meshes.json && python benchmarks/solidity.py meshes.json
     python benchmarks/solidity.py results        the meshes of a run
-    python benchmarks/solidity.py results --other coarse       what of that is heard
+    python benchmarks/solidity.py results --other coarse       whether frequencies reveal the mesh
 
 For each group of statistics: logistic regression and 9 nearest neighbours, trained and tested in 10-fold
-cross-validation, both bodies of an object in the same fold. Accuracies are means of 20 shuffles; the interval is that
-of a bootstrap over objects (95 %). Chance is 50 %, because only objects with both bodies count. numpy only.
+cross-validation, both bodies of an object in the same fold. Accuracies are means of 20 shuffles; the interval is a 95 %
+bootstrap interval over objects. Chance is 50 %, because only objects with both bodies count. Needs NumPy only.
 
-Hollow bodies are thinner. Whether meshing tells more than that is asked of pairs of different objects, one solid, one
-hollow, whose walls are equally thick to 10 % (median number of elements across times median edge).
+Hollow bodies are thinner. To test whether meshing reveals more than that, pairs of different objects are compared, one
+solid and one hollow, with walls equally thick to 10 % (median number of elements across times median edge).
 
-With --other, a run of the same objects with another `tets.target_elements`: whether what a mesh gives away is heard.
-The same classifiers are given the frequencies of one material. Where all solid bodies come from the one run and all
-hollow ones from the other, the mesh says what is solid, in training and test alike, or in the test the wrong way round.
-Were a mesh heard, the first would be right more often than the second. Last, whether they tell which mesh it was.
+--other names a run of the same objects with another `tets.target_elements`. It tests whether frequencies reveal the
+mesh. The same classifiers get the frequencies of one material. All solid bodies come from one run and all hollow ones
+from the other, so the mesh reveals what is solid: in training and test alike, or in the test with the runs swapped. If
+frequencies revealed the mesh, the first accuracy would be higher. The last test classifies the mesh itself.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from pathlib import Path
 import numpy as np
 
 _FOLDS, _SHUFFLES, _NEIGHBOURS, _BOOTSTRAPS = 10, 20, 9, 2000
-#: Group -> beginnings of the names of its statistics.
+#: Group -> prefixes of the names of its statistics.
 _GROUPS = {
     "counts of vertices and elements": ("vertices", "elements"),
     "count of surface triangles": ("surface_triangles",),
@@ -74,7 +74,7 @@ def main() -> None:
 
 
 def _print_matched(names: list[str], values: np.ndarray) -> None:
-    """Print the same for pairs of equal wall thickness, in which each body appears once."""
+    """Print the accuracies for pairs of equal wall thickness; each body is in one pair."""
     across, edge = names.index("layers.median"), names.index("edge_length.median")
     thick = np.log(values[:, :, across] * values[:, :, edge])
     apart = np.abs(thick[:, None, 0] - thick[None, :, 1])
@@ -103,7 +103,7 @@ def _print_matched(names: list[str], values: np.ndarray) -> None:
 
 
 def _print_heard(here: dict, there: dict) -> None:
-    """Print how often frequencies tell solidity, where they come from the same meshes and from others."""
+    """Print the accuracies of solidity from frequencies, with the same meshes and with others."""
     names = sorted(here.keys() & there.keys())
     runs = np.array([[run[name] for name in names] for run in (here, there)])  # (run, object, body, k)
     change = np.abs(np.expm1(runs[1] - runs[0]))
@@ -147,7 +147,7 @@ def _print_heard(here: dict, there: dict) -> None:
 
 
 def _frequencies(results: Path, material: str) -> dict[str, np.ndarray]:
-    """Return object -> natural logarithms of the frequencies (2, m) of its solid and hollow body, where it has both."""
+    """Return object -> natural logarithms of the frequencies (2, m) of its solid and hollow body, if it has both."""
     import h5py
 
     from vibraverse.contract.refusal import read_refusal
@@ -199,9 +199,9 @@ def _flat(found: dict) -> dict[str, float]:
 
 
 def _right(values: np.ndarray, method, others: np.ndarray | None = None) -> np.ndarray:
-    """Return how often each object is classified rightly, (objects,), by statistics (objects, 2, k).
+    """Return the share of correct classifications of each object, (objects,), from statistics (objects, 2, k).
 
-    Objects are tested by ``others`` where these are given, trained with by ``values`` always.
+    Training uses ``values``; testing uses ``others`` if given, else ``values``.
     """
     others = values if others is None else others
     right = np.zeros(len(values))
@@ -219,7 +219,7 @@ def _right(values: np.ndarray, method, others: np.ndarray | None = None) -> np.n
 
 
 def _cell(right: np.ndarray) -> str:
-    """Return the mean and its interval in per cent, for a share of every object (objects,)."""
+    """Return the mean and its interval in per cent, as text, for a share per object (objects,)."""
     random = np.random.default_rng(0)
     means = random.choice(right, (_BOOTSTRAPS, len(right))).mean(axis=1)
     low, high = np.percentile(means, (2.5, 97.5))

@@ -1,9 +1,9 @@
-"""How much frequencies depend on how an object is described: rotated, scaled, moved, triangulated and numbered anew.
+"""Sensitivity of frequencies to the description of an object: rotation, scale, position, triangulation, numbering.
 
     python benchmarks/stability.py [--seeds 2] [OBJECT[:hollow] ...]
 
-Every description goes the whole way from cleaning to the eigensolver; changes are the largest of the first 20 corrected
-frequencies, against the object as it comes.
+Every description goes through all stages from cleaning to the eigensolver. Printed is the largest change of the first
+20 corrected frequencies against the original object.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def main() -> None:
     jobs = [(name, seed) for name in arguments.objects for seed in seeds]
     print("| body | elements | change of the first 20 frequencies: largest, mean |")
     print("|" + 3 * " --- |")
-    # A process each, because the sparse solver keeps the memory of the largest mesh.
+    # One process each, because the sparse solver keeps the memory of the largest mesh.
     with multiprocessing.get_context("spawn").Pool(arguments.workers, maxtasksperchild=1) as pool:
         results = pool.imap(_described, jobs, chunksize=1)
         for name in arguments.objects:
@@ -50,7 +50,7 @@ def main() -> None:
 
 
 def _described(job: tuple[str, int]) -> tuple[int, np.ndarray]:
-    """Return the number of elements and the frequencies of an object as it comes (0) or described anew."""
+    """Return the number of elements and the frequencies of an object, original (0) or in another description."""
     from test_stability import described_anew, frequencies, source
     from vibraverse.contract.seeds import rng
 

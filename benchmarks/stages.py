@@ -1,4 +1,4 @@
-"""Where a run's time went: wall and CPU seconds and memory by stage, from the journal.
+"""Costs of a run by stage, from the journal: wall and CPU seconds, and memory.
 
 python benchmarks/stages.py [results]
 """
@@ -30,7 +30,7 @@ def main() -> None:
 
 
 def line(name: str, jobs: list[Ended], everything: float) -> None:
-    """Print what these jobs took."""
+    """Print the costs of these jobs."""
     wall, cpu = sum(job.wall_s for job in jobs), sum(job.cpu_s for job in jobs)
     most = max(job.memory_mb for job in jobs)
     print(

@@ -1,4 +1,4 @@
-"""How long `vibraverse status` takes for many objects, all of them fake: files with names and nothing in them.
+"""Time of `vibraverse status` for many objects, made of empty files with the right names.
 
 python benchmarks/status.py [objects]
 """
@@ -22,7 +22,7 @@ from vibraverse.flow.plan import Plan
 from vibraverse.upkeep import progress
 from vibraverse.upkeep.lineage import jobs
 
-#: Jobs that work, and ones that were killed, of a process that there never was.
+#: Numbers of working and killed jobs, and a process number above Linux's maximum.
 WORKING, KILLED, GONE = 100, 100, 2**22 + 1
 
 
@@ -49,7 +49,7 @@ def main() -> None:
 
 
 def fake(plan: Plan, object_id: str, number: int) -> None:
-    """Write an object: of ten, seven done, one refused, one half done, one missing."""
+    """Write an object's files: of ten objects, seven are done, one is refused, one half done, one missing."""
     kind = number % 10
     if kind == 9:
         return
@@ -71,7 +71,7 @@ def fake(plan: Plan, object_id: str, number: int) -> None:
 
 
 def begin(plan: Plan) -> list[Mark]:
-    """Let this process be a run whose jobs work, and some that were killed, of objects that are missing."""
+    """Make this process a run with working and killed jobs of missing objects."""
     run = Mark(journal.runs_folder("results"))
     begun = Path(plan.paths.journal, "begun")
     missing = list(plan.objects)[9::10][: WORKING + KILLED]

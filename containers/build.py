@@ -1,11 +1,11 @@
 """Build the container images that are missing or out of date: ``make containers``.
 
-An image is out of date when a file that goes into it changed: its family's lock, the project's code, a definition. What
-is built appears under its name only when its own test has passed; an interrupted build leaves the old image in place.
+An image is out of date if a file that goes into it changed: its family's lock file, the project's code, a definition.
+An image appears under its name only after its own test has passed; an interrupted build leaves the old image in place.
 
 Debian comes from ``--base``: an image that Apptainer can fetch (``docker://debian:12-slim``, the default), a file or
-folder that holds one, or ``debian``, which asks this machine's own apt for it. Python packages come from where pip is
-told to look. Both keep what they fetched, so a second image fetches little.
+folder that holds one, or ``debian``, which builds it with this machine's own apt. Python packages come from pip's
+configured index. Both cache their downloads, so a second image fetches little.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from pathlib import Path
 from vibraverse.contract.texts import unknown
 from vibraverse.machine import containers
 
-#: Packs three times as fast as the default and unpacks faster; every kernel since 4.14 reads it.
-_PACKING = ["--mksquashfs-args", "-comp zstd -Xcompression-level 6"]
+#: Compression that packs three times as fast as the default and unpacks faster; every kernel since 4.14 reads it.
+_COMPRESSION = ["--mksquashfs-args", "-comp zstd -Xcompression-level 6"]
 _BASE_PARTS = ("containers/base.def", "envs/system.sh", "envs/system.txt")
 _PIP_KEYS = ("index-url", "extra-index-url", "find-links", "trusted-host", "proxy", "timeout")
 _CERTIFICATES = "/etc/ssl/certs/ca-certificates.crt"
 
 
 class Failed(Exception):
-    """A build that did not come to its end; the message says what to do."""
+    """A failed build; the message says what to do."""
 
 
 def run(command: list[str], what: str) -> None:
@@ -48,11 +48,11 @@ def run(command: list[str], what: str) -> None:
 
 
 def apptainer_build(target: Path, definition: str, *options: str) -> None:
-    """Build one image beside its place and move it there."""
+    """Build one image beside its final path and rename it."""
     target.parent.mkdir(parents=True, exist_ok=True)
     partial = target.with_name(f".{os.getpid()}.partial.{target.name}")
     try:
-        command = ["apptainer", "build", *_PACKING, *options, str(partial)]
+        command = ["apptainer", "build", *_COMPRESSION, *options, str(partial)]
         run([*command, str(containers.PROJECT / "containers" / definition)], f"Building {target.name}")
         os.replace(partial, target)
     finally:
@@ -65,7 +65,7 @@ def arguments(**values: str) -> list[str]:
 
 
 def stage(family: str, folder: Path) -> Path:
-    """Copy what goes into an image to a folder of its own, so that nothing else does."""
+    """Copy the files of an image to a folder of their own, so that nothing else gets into it."""
     for path in containers.contents(family):
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(containers.PROJECT / path, folder / path)
@@ -116,7 +116,7 @@ def debian(folder: Path) -> Path:
 
 
 def make_base(image: Path, base: str) -> None:
-    """Build the base unless there is one of the same making."""
+    """Build the base image unless an up-to-date one exists."""
     checksum = hashlib.sha256(base.encode())
     for part in _BASE_PARTS:
         checksum.update((containers.PROJECT / part).read_bytes())
@@ -153,7 +153,7 @@ def make_family(image: Path, base: Path, family: str) -> None:
 
 
 def report(name: str, image: Path, started: float) -> None:
-    """Say how long a build took and how big the image is."""
+    """Print the time of a build and the size of the image."""
     print(
         f"{name}: built in {time.perf_counter() - started:.0f} s, {image.stat().st_size / 1e6:.0f} MB",
         flush=True,
@@ -161,7 +161,7 @@ def report(name: str, image: Path, started: float) -> None:
 
 
 def main(families: list[str], base: str) -> None:
-    """Build what is out of date, in order."""
+    """Build the images that are out of date, in order."""
     for family in families:
         if family not in containers.ALL:
             raise Failed(unknown("family", family, containers.ALL))

@@ -1,11 +1,11 @@
-"""Run a family's stages on tiny inputs, from what the image holds and nothing else: ``check.py FAMILY``.
+"""Run a family's stages on tiny inputs, with the image's own content only: ``check.py FAMILY``.
 
-Stages, their inputs and their products are those of ``flow/steps.py``; what other families' stages would have made is
-made by hand. An image holds its own family's packages alone, so nothing here may need others: a shard is packed and
-indexed by the library where the stage would need more.
+Stages, inputs and products come from ``flow/steps.py``; products of other families' stages are written by hand. An
+image holds only its family's packages, so this script needs no others: it calls the library directly where a stage
+would need more.
 
-The build runs it twice: while the image can still be written, so that every compiled loop is kept in it, and
-afterwards as the image's test. It needs no network and writes to a temporary folder alone.
+A build runs it twice: while the image is writable, so that every compiled loop is stored in it, and afterwards as the
+image's test. It needs no network and writes only to a temporary folder.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 HOME = Path("/opt/vibraverse")
 OBJECT = "bar-0000"
-#: The body of the validation that takes least.
+#: The cheapest body of the validation.
 KNOWN = "block"
-#: The family that holds all others.
+#: The family that includes all others.
 WORKSTATION = "workstation"
 
-#: Two boxes that cross: the exact tests of the cleaning have something to find.
+#: Two boxes that intersect, to exercise the exact intersection tests of the cleaning.
 _CROSSED = """OFF
 16 24 0
 {vertices}
@@ -39,7 +39,7 @@ _CROSSED = """OFF
 
 
 def crossed() -> str:
-    """Return two boxes that reach through each other, as an OFF file."""
+    """Return two intersecting boxes as an OFF file."""
     corners = [(x, y, z) for x in (0, 4) for y in (0, 1) for z in (0, 1)]
     moved = [(y + 1.3, x - 1.2, z + 0.3) for x, y, z in corners]
     sides = ((0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3))
@@ -52,7 +52,7 @@ def crossed() -> str:
 
 
 def box(cells: int = 1) -> tuple:
-    """Return points (N, 3) and tetrahedra (6 cells³, 4) of a box, each side cut into so many cells."""
+    """Return points (N, 3) and tetrahedra (6 cells³, 4) of a box with this many cells along each side."""
     import numpy as np
 
     across = cells + 1
@@ -66,7 +66,7 @@ def box(cells: int = 1) -> tuple:
 
 
 class Check:
-    """A folder with a tiny plan, in which stages run as the rules call them."""
+    """A results folder with a tiny plan; stages run in it as the rules call them."""
 
     def __init__(self, results: Path):
         from vibraverse.flow.plan import Plan
@@ -91,13 +91,13 @@ class Check:
         self.ran: list[str] = []
 
     def at(self, name: str, **wildcards: str) -> Path:
-        """Return the path of a pattern of ``Paths``, its folder made."""
+        """Return the path of a pattern of ``Paths``; make its folder."""
         path = Path(self.plan.paths.named(name, **wildcards))
         path.parent.mkdir(parents=True, exist_ok=True)
         return path
 
     def all_of(self, name: str) -> list[Path]:
-        """Return the paths of a pattern for every shard, or for the body whose frequencies are known."""
+        """Return the paths of a pattern for every shard, or for the known body."""
         return list(
             dict.fromkeys(self.at(name, shard=shard, body=KNOWN) for shard in sorted(self.plan.shards))
         )
@@ -116,7 +116,7 @@ class Check:
         }.get(step.per, [{}])
 
     def run(self, step: Step, wildcards: dict[str, str]) -> None:
-        """Run one job of a stage, and see that all its products are there."""
+        """Run one job of a stage, and check that all its products exist."""
         from vibraverse.cli import main
         from vibraverse.contract.refusal import read_refusal
         from vibraverse.contract.step import SHARD, option
@@ -151,13 +151,13 @@ class Check:
         self.ran.append(step.name)
 
     def own_file(self, name: str, object: str = "", **_: str) -> list:
-        """Return the argument for a file of the user's, where a job has one."""
+        """Return the argument for a user's file, if the job has one."""
         entry = self.plan.objects.get(object)
         return ["--file", entry.input] if name == "file" and entry and entry.input else []
 
 
 def in_order(steps: list[Step]) -> list[Step]:
-    """Return steps so that what one makes is there before another reads it."""
+    """Return steps sorted so that each comes after those whose products it reads."""
     waiting, ordered = list(steps), []
     while waiting:
         for step in waiting:
@@ -179,7 +179,7 @@ def stages(check: Check, family: str) -> None:
             check.run(step, wildcards)
 
 
-# What the stages of other families would have made
+# Products of other families' stages
 
 
 def tets(check: Check, path: Path) -> None:
@@ -217,7 +217,7 @@ def known_meshes(check: Check, path: Path) -> None:
 
 
 def comparison(check: Check, path: Path) -> None:
-    """Write what two meshes of a body had to do with one reference."""
+    """Write the comparison of two meshes of a body with one reference."""
     reference = {"mode": "1", "equal": 1, "poisson": 0.3, "reference_hz": 1000.0, "tolerance": 0.1}
     about = {"order": 2, "corrected": "no", "verdict": "met", "published": False, "source": "made up"}
     rows = [
@@ -229,12 +229,12 @@ def comparison(check: Check, path: Path) -> None:
 
 
 def configuration(check: Check, path: Path) -> None:
-    """Write the configuration with every default filled in; JSON is YAML, and no image has a library for that."""
+    """Write the configuration with every default filled in, as JSON, which is YAML; images have no YAML library."""
     path.write_text(json.dumps(check.plan.config.model_dump(mode="json")), encoding="utf-8")
 
 
 def refuse_missing(check: Check, shard: str) -> None:
-    """Put a refusal in the place of every product that is missing of a shard's objects."""
+    """Write a refusal in place of every missing product of a shard's objects."""
     from vibraverse.contract import products
     from vibraverse.contract.refusal import Refusal
     from vibraverse.flow import targets
@@ -251,7 +251,7 @@ def refuse_missing(check: Check, shard: str) -> None:
 
 
 def packed(check: Check, path: Path) -> None:
-    """Write a shard of refused objects, packed by the library."""
+    """Write a shard of refused objects with the library."""
     import h5py
 
     from vibraverse.config.dataset import ShardOptions
@@ -268,7 +268,7 @@ def packed(check: Check, path: Path) -> None:
 
 
 def indexed(check: Check, path: Path) -> None:
-    """Write the index, the refusals and the record of a dataset, by the library."""
+    """Write the index, the refusals and the record of a dataset with the library."""
     from vibraverse.contract import products
     from vibraverse.dataset.read.reader import Reader
     from vibraverse.dataset.write.columns import write_index
@@ -283,7 +283,7 @@ def indexed(check: Check, path: Path) -> None:
         products.write_json(check.at("dataset_record"), {**summary(reader, {}), "shards": {}})
 
 
-#: How each product is made whose stage is of another family, by its pattern.
+#: Functions that write the products of other families' stages, by pattern.
 BY_HAND = {
     "tets": tets,
     "clean_record": clean_record,
@@ -298,7 +298,7 @@ BY_HAND = {
 
 
 def learn(check: Check) -> None:
-    """The reader for PyTorch opens a dataset, and a network learns a line, on a GPU where there is one."""
+    """Open a dataset with the reader for PyTorch, and train a network on a line, on a GPU if there is one."""
     import torch
 
     import vibraverse.dataset
@@ -320,7 +320,7 @@ def learn(check: Check) -> None:
 
 
 def packages(family: str) -> None:
-    """Import every package the family asks for by name."""
+    """Import every package that the family requires by name."""
     extras = tomllib.loads((HOME / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     wanted = {re.split(r"[^A-Za-z0-9-]", requirement)[0] for requirement in extras.get(family, [])}
     for module, distributions in importlib.metadata.packages_distributions().items():
@@ -332,12 +332,12 @@ def from_elsewhere() -> list[str]:
     """Return the loaded modules that are neither the image's Python nor its environment."""
     own = (str(HOME), f"{sys.base_prefix}/lib/")
     files = {name: getattr(module, "__file__", None) or "" for name, module in sys.modules.items()}
-    # One that came from a file has its whole path; torch makes some up, and says so by half a name.
+    # A module from a file has an absolute path; torch makes modules with relative ones.
     return [f"{name}: {file}" for name, file in files.items() if file[:1] == "/" and not file.startswith(own)]
 
 
 def main(family: str) -> None:
-    """Check one family; an exception says what is wrong."""
+    """Check one family; raise an exception if anything is wrong."""
     from vibraverse.machine.compiled import use_compiled_loops
 
     use_compiled_loops()

@@ -1,8 +1,8 @@
 #!/usr/bin/env bash
-# Snakemake runs this in each conda environment it has just made (--sdm conda): it adds the project itself.
+# Snakemake runs this in each conda environment after making it (--sdm conda); it installs this project there.
 #
-# Snakemake copies the script away before running it, so the project is found from the folder Snakemake works in, which is
-# it or lies inside it. For a run elsewhere (--directory) VIBRAVERSE_PROJECT names it.
+# Snakemake runs a copy of the script elsewhere, so the project is searched upwards from the working folder. For a run in
+# another folder (--directory), set VIBRAVERSE_PROJECT to the project.
 set -euo pipefail
 
 project=${VIBRAVERSE_PROJECT:-$PWD}

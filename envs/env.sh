@@ -3,9 +3,9 @@
 #
 #   envs/env.sh FOLDER NAME…
 #
-# Each NAME is an environment of this folder (envs/NAME.txt); several are joined, for their versions agree.
-# FOLDER/.vibraverse says what the environment holds. Where that is what is asked for, nothing is done; where it says that
-# a run ended half-way, the environment is made anew. PYTHON chooses the interpreter.
+# Each NAME is an environment of this folder (envs/NAME.txt). Several can be joined, because their versions agree.
+# FOLDER/.vibraverse states what the environment holds. If that is up to date, nothing is done. If it shows that a run
+# was interrupted, the environment is rebuilt. PYTHON chooses the interpreter.
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
@@ -19,7 +19,7 @@ fail() {
     exit 1
 }
 
-# The stamp's line for one NAME: a checksum of all it is made from.
+# The stamp's line for one NAME: a checksum of everything it is made from.
 line() {
     echo "$1 $({ echo "$folder" && cat "envs/$1.txt" envs/bootstrap.txt envs/env.sh pyproject.toml; } | sha256sum)"
 }
@@ -54,7 +54,7 @@ make_venv() {
     "$base" -m venv "$folder" || fail "$base could not make a virtual environment in $folder (see above)."
 }
 
-# uv does not read pip's configuration, so what that says (a mirror, a certificate) is passed on.
+# uv does not read pip's configuration, so its settings (a mirror, a certificate) are passed on.
 use_pip_settings() {
     local settings option variable separator value values
     settings=$("$python" -m pip config list)
@@ -69,16 +69,16 @@ use_pip_settings() {
         trusted-host UV_INSECURE_HOST
         cert SSL_CERT_FILE
         proxy ALL_PROXY"
-    # uv brings the public certificates; a machine's own may be more.
+    # uv brings the public certificates; the machine may have more.
     if [ -s /etc/ssl/certs/ca-certificates.crt ]; then export UV_SYSTEM_CERTS=${UV_SYSTEM_CERTS:-true}; fi
 }
 
-# Exactly what the locks pin, and the project.
+# Exactly the packages of the lock files, and the project.
 install() {
     local uv=$folder/bin/uv quiet=(--quiet) locks
     locks=("${@/#/envs/}")
     locks=("${locks[@]/%/.txt}")
-    if [ -t 2 ]; then quiet=(); fi # a person watches: show how far it is
+    if [ -t 2 ]; then quiet=(); fi # on a terminal, show the progress
     "$python" -m pip install --quiet --require-hashes -r envs/bootstrap.txt
     use_pip_settings
     echo "Installing $(sort -u "${locks[@]}" | grep -c '^[a-z0-9].*==') packages: $*"

@@ -1,9 +1,9 @@
 """Write the lock files of every environment from the optional dependencies in ``pyproject.toml``.
 
-One resolution over everything fixes the versions; each family is then cut out of it, so a package has
-the same version wherever it appears. Every environment becomes two files: ``<name>.txt``, pinned
-by hash for pip and uv, and ``<name>.yaml``, the same pins for conda. Versions already locked stay unless
-``--upgrade`` is given. Nothing written here says where packages come from.
+One resolution of all dependencies fixes the versions; each family is a subset of it, so a package has
+the same version everywhere. Every environment becomes two files: ``<name>.txt``, pinned
+by hash for pip and uv, and ``<name>.yaml``, the same pins for conda. Locked versions stay unless
+``--upgrade`` is given. The lock files do not name an index.
 
 Run it with ``make lock`` or ``make lock UPGRADE=1``; it needs Python 3.11 and uv on the PATH.
 """
@@ -21,10 +21,10 @@ from pathlib import Path
 
 ENVS = Path(__file__).resolve().parent
 
-#: The oldest Python the locks serve, the one conda environments get.
+#: The oldest Python that the lock files support, and the one in conda environments.
 PYTHON = "3.11"
 
-#: The platform the locks serve, as clauses of a marker; said once in each header instead of on every line.
+#: The platform of the lock files, as clauses of a marker; stated once in each header instead of on every line.
 PLATFORM = (
     "python_full_version < '3.13'",
     "implementation_name == 'cpython'",
@@ -51,10 +51,10 @@ dependencies:
 
 
 def environments(project: dict) -> dict[str, list[str]]:
-    """Return each environment's requirements: one per family, and two that join families.
+    """Return each environment's requirements: one per family, and some that join families.
 
-    ``workstation`` holds all that the workflow needs without learning, ``dev`` also the tools of development,
-    ``bootstrap`` what installs the others. Each holds the build requirements, so that installing the project
+    ``workstation`` holds everything that the workflow needs except learning, ``dev`` also the development tools,
+    ``bootstrap`` the installers of the others. Each includes the build requirements, so that installing the project
     fetches nothing unpinned.
     """
     extras = project["project"]["optional-dependencies"]
@@ -70,7 +70,7 @@ def environments(project: dict) -> dict[str, list[str]]:
 
 
 def compile_lock(folder: Path, name: str, requirements: list[str], *options: str) -> str:
-    """Resolve ``requirements`` with hashes and return the lock's text; raise on failure."""
+    """Resolve ``requirements`` with hashes and return the text of the lock file; raise on failure."""
     source, target = folder / f"{name}.in", folder / f"{name}.txt"
     source.write_text("\n".join(requirements) + "\n")
     command = ["uv", "pip", "compile", source.name, "--output-file", target.name, "--universal", "--quiet"]
@@ -84,7 +84,7 @@ def compile_lock(folder: Path, name: str, requirements: list[str], *options: str
 
 
 def without_platform(lock: str) -> str:
-    """Return a lock without the clauses of markers that the platform fulfils."""
+    """Return a lock file's text without the marker clauses that the platform satisfies."""
 
     def shorten(marker: re.Match) -> str:
         clauses = [clause for clause in marker[1].split(" and ") if clause not in PLATFORM]
@@ -94,7 +94,7 @@ def without_platform(lock: str) -> str:
 
 
 def pins(lock: str) -> list[str]:
-    """Return the pins of a lock, ``name==version`` with a marker where one is needed."""
+    """Return the pins of a lock file: ``name==version``, with a marker if needed."""
     return re.findall(r"^([a-z0-9].*?==.*?) \\$", lock, flags=re.MULTILINE)
 
 

@@ -1,17 +1,17 @@
 #!/usr/bin/env bash
-# Install what envs/system.txt lists and this machine lacks.
+# Install the entries of envs/system.txt that this machine lacks.
 #
-#   envs/system.sh PYTHON run     everything listed under "run" is there afterwards, or this fails and says what to do
-#   envs/system.sh PYTHON test    what is listed under "test" is installed if that is possible; else this only says so
+#   envs/system.sh PYTHON run     install everything listed under "run", or fail and say what to do
+#   envs/system.sh PYTHON test    install what is listed under "test" if possible; otherwise only print a note
 #
-# apt is touched only when something is missing, and only as root or with a sudo that asks no password.
+# apt runs only when something is missing, and only as root or with a sudo that asks for no password.
 set -euo pipefail
 
 here=$(cd "$(dirname "${BASH_SOURCE[0]}")" && pwd)
 python=$1 purpose=$2
 
-# Prints "name package" for each missing entry. Loading a library is the question its users will ask, so
-# modules, LD_LIBRARY_PATH and other distributions' folders count too.
+# Prints "name package" for each missing entry. A library counts as present if it can be loaded, so that modules,
+# LD_LIBRARY_PATH and other distributions' folders count too.
 missing() {
     "$python" -I - "$here/system.txt" "$purpose" <<'PYTHON'
 import ctypes, importlib.util, shutil, sys
@@ -37,7 +37,7 @@ names=$(cut -d' ' -f1 <<<"$absent" | paste -sd' ')
 packages=$(cut -d' ' -f2 <<<"$absent" | sort -u | paste -sd' ')
 install="apt-get install -y --no-install-recommends $packages"
 
-# Ends without success where that matters, with a note where it does not.
+# Fails if the entries are needed to run; otherwise only prints a note.
 give_up() {
     echo "$1" >&2
     if [ "$purpose" = run ]; then exit 1; else exit 0; fi

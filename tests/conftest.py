@@ -1,4 +1,4 @@
-"""Fixtures every test may use."""
+"""Fixtures for all tests."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SHARED_MESHES = ROOT.parent / "shared" / "meshes"
 
 @pytest.fixture(scope="session")
 def root() -> Path:
-    """The project's folder."""
+    """Project folder."""
     return ROOT
 
 
@@ -33,7 +33,7 @@ def shared_meshes() -> Path:
 
 @pytest.fixture(scope="session")
 def finished(tmp_path_factory, root):
-    """An undisturbed run of the tiny configuration. Tests may look and plan, and execute in copies of its folder."""
+    """An undisturbed run of the tiny configuration. Tests may read and plan in it, but execute only in copies."""
     from workflow_runs import Run
 
     run = Run(tmp_path_factory.mktemp("finished"), root)
@@ -43,7 +43,7 @@ def finished(tmp_path_factory, root):
 
 @pytest.fixture(scope="session")
 def report_page(tmp_path_factory) -> Path:
-    """The page of a small dataset of made-up products. Tests leave its folder as it is."""
+    """The page of a small dataset of synthetic products. Tests must not change its folder."""
     import make_products
 
     results = tmp_path_factory.mktemp("report") / "results"

@@ -1,4 +1,4 @@
-"""What the Markdown of the project shows: blocks of code, the commands in them, and commands amid a sentence."""
+"""Code in the project's Markdown: blocks, the commands in them, and commands within sentences."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Block:
 
     @property
     def place(self) -> str:
-        """Where it stands."""
+        """Document and line."""
         return f"{self.doc}:{self.line}"
 
 
@@ -44,7 +44,7 @@ def blocks(*languages: str) -> list[Block]:
 
 
 def spans() -> dict[str, str]:
-    """Return the commands that stand in backticks amid a sentence, each with the first document that has it."""
+    """Return the commands in backticks within sentences, each with the first document that has it."""
     found: dict[str, str] = {}
     for doc in DOCS:
         prose = _FENCE.sub("", (ROOT / doc).read_text(encoding="utf-8"))

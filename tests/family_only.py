@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parent.parent
 
 
 class Without(importlib.abc.MetaPathFinder):
-    """Lets nobody import the packages that an environment's lock file does not name."""
+    """A finder that blocks imports of packages that an environment's lock file does not name."""
 
     def __init__(self, lock: Path):
         locked = set(re.findall(r"^([a-z0-9-]+)==", lock.read_text(), flags=re.MULTILINE))

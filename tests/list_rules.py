@@ -11,7 +11,7 @@ from snakemake.api import ConfigSettings, OutputSettings, ResourceSettings, Snak
 
 
 def plain(value):
-    """Return a pattern as it stands in ``Paths``; a function by its name; None for one without."""
+    """Return a pattern as in ``Paths``; for a function, its name; None without a name."""
     if callable(value):
         return f"<{getattr(value, '__name__', '').strip('<>')}>"
     if isinstance(value, list):

@@ -1,4 +1,4 @@
-"""What a machine can lack, each case brought about with stand-ins for its commands."""
+"""Failures of a machine, each provoked with stand-ins for its commands."""
 
 from __future__ import annotations
 

@@ -153,7 +153,7 @@ def stiffness(object_id: str, solidity: str) -> np.ndarray:
 
 
 def refuse(paths: Paths, object_id: str, stage: str, reason: str, message: str) -> None:
-    """Put a refusal where the products of ``stage`` and of all later stages would be."""
+    """Write a refusal in place of the products of ``stage`` and of all later stages."""
     text = Refusal(object_id, stage, reason, message, "Use a closed mesh with a thicker wall.").to_text()
     below = ("hollow_surface", "hollow_record", "tets", "tets_record", "basis", "modes", "audio_record")
     solidities = ("hollow",)

@@ -1,4 +1,4 @@
-"""Small valid mesh files of every format, each written so that it says exactly what is in it, and folders of them."""
+"""Small valid mesh files of every format with known content, and folders of them."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def obj(vertices=CUBE, polygons=QUADS) -> bytes:
 
 
 def threemf(unit="inch", part=1, text=None, **changes) -> bytes:
-    """Return a 3MF of a tetrahedron and its mirror image, twice as large as it says."""
+    """Return a 3MF of a tetrahedron and its mirror image, scaled by two."""
     if text is None:
         text = threemf_text(unit, part, **changes)
     buffer = io.BytesIO()

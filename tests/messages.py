@@ -1,4 +1,4 @@
-"""What a message must have: the parts that a machine can look for, and the words that docs and code avoid."""
+"""What a message must have: the parts that a test can check, and the words that docs and code avoid."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ _REMEDY = re.compile(
 class Said:
     """A message in the source: where, the exception, a refusal's reason, its literal text and advice.
 
-    Values are ``{}`` in a text. ``None`` stands for what is no literal.
+    Values are ``{}`` in a text. ``None`` stands for text that is not a literal.
     """
 
     place: str
@@ -117,7 +117,7 @@ def complaints(text: str, wrong: tuple[str, ...] = (), why: str = "") -> list[st
 
 
 def misformed(text: str, refusal: bool) -> list[str]:
-    """Return how a message departs from the house's form.
+    """Return how a message departs from the project's form.
 
     A refusal is a sentence with a stop. What a command says follows ``vibraverse: ``, so it begins small, unless with
     a name, and has no stop.

@@ -1,4 +1,4 @@
-"""Commands that stand in for a machine's, and what a check of them says."""
+"""Stand-ins for a machine's commands, and the sentences of checks that call them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kill, full disk, read-only folder: nothing half-written, one sentence, and the same command goes on."""
+"""Kill, full disk, read-only folder: nothing half-written, one sentence, and the same command resumes."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def right(made, tmp_path_factory) -> str:
 
 
 def partial_of(folder: Path, size: float) -> Callable[[], bool]:
-    """Return what tells whether a file that is being written in a folder has a size."""
+    """Return a function that tells whether a partial file in a folder is non-empty."""
     return lambda: any(path.stat().st_size >= size for path in folder.glob(".*.partial.*"))
 
 
@@ -130,7 +130,7 @@ def test_an_input_that_may_not_be_read_is_not_taken_for_a_full_disk(tmp_path):
 
 
 def test_new_objects_touch_only_their_shards():
-    """Of 300 objects ten more: the other shards keep parameters and inputs, which is what they are made again for."""
+    """Add ten objects to 300: the other shards keep parameters and inputs, and only changes of these rerun them."""
     config = {"sources": {"generated": {"count": 300}, "bundled": []}, "dataset": {"shards": 64}}
     before = Plan(config)
     config["sources"]["generated"]["count"] = 310
@@ -146,7 +146,7 @@ def test_new_objects_touch_only_their_shards():
 
 
 def copied(finished: Run, folder: Path, results: Path | None = None) -> Run:
-    """Return a run in ``folder`` that has everything of the finished one but its dataset and what is made of that."""
+    """Return a run in ``folder`` with everything of the finished one except the dataset and later products."""
     results = results or folder / "results"
     shutil.copytree(finished.folder / "results", results, dirs_exist_ok=True)
     shutil.copytree(finished.folder / ".snakemake", folder / ".snakemake")

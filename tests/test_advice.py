@@ -1,4 +1,4 @@
-"""Commands that sentences advise do what they promise when they are pasted, whichever run they are about."""
+"""Commands in messages do what they promise when pasted, whichever run they concern."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ import make_products
 
 @pytest.fixture
 def wrong(tmp_path, monkeypatch) -> Path:
-    """A run in another folder than ``results``, and of another file than ``config.yaml``, with a product gone wrong."""
+    """A run with other names than ``results`` and ``config.yaml``, and with a wrong product."""
     monkeypatch.chdir(tmp_path)
     make_products.build(Path("my results"))
     Path("mine.yaml").write_text(yaml.safe_dump({"results": "my results"}))
@@ -24,7 +24,7 @@ def wrong(tmp_path, monkeypatch) -> Path:
 
 
 def advised(text: str) -> list[str]:
-    """Return the words of the command that a text advises."""
+    """Return the command in a text, as a list of words."""
     (command,) = re.findall(r"`(vibraverse [^`]*)`", text)
     return shlex.split(command)
 

@@ -217,7 +217,7 @@ def test_too_few_unknowns_are_refused(mesh):
 
 @pytest.mark.parametrize("outside", [1.0, 1e-2, 1e-4, 1e-6])
 def test_a_space_that_grows_has_an_orthonormal_basis(outside):
-    """However little of what joins lies outside the space, or in one of its own directions."""
+    """However small the part of the new vectors outside the space or along one of its directions."""
     operators = assemble(*box((1.8, 1.2, 0.7), (3, 2, 2)))
     random = rng("t", "growth")
     start = random.standard_normal((operators.unknowns, 6))
@@ -237,7 +237,7 @@ def test_a_space_that_grows_has_an_orthonormal_basis(outside):
 
 @pytest.mark.parametrize("max_error", [1e-9, 8.0])
 def test_corrections_are_projected_without_a_product_with_k_mu(max_error):
-    """What residuals say of it is what the product says, whether all directions of a correction join or some."""
+    """The result from residuals equals that of the product, for all or some directions of a correction."""
     operators = assemble(*box((1.8, 1.2, 0.7), (5, 4, 3)))
     pairs = solve(operators, 0.25, 12, rng=rng("t"), method="lanczos")
     space = Reduction(operators, pairs.vectors)
@@ -259,7 +259,7 @@ def test_corrections_are_projected_without_a_product_with_k_mu(max_error):
     ("sides", "cells", "modes"), [((1.8, 0.5, 0.5), (8, 2, 2), 40), ((1.8, 1.2, 1.2), (5, 4, 4), 24)]
 )
 def test_no_frequency_is_forgotten_between_the_values_looked_at(sides, cells, modes):
-    """A mode that comes among the lowest for a part of the range only: errors were fifty times too large there."""
+    """A mode is among the lowest only in a part of the range; errors were fifty times too large there."""
     basis = build_basis(*box(sides, cells), rng=rng("t"), modes=modes)
     for poisson in np.linspace(0.1, 0.4, 121):
         assert reduced_solve(basis, poisson, modes).relative_error.max() < 1.2e-5, poisson

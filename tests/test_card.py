@@ -1,4 +1,4 @@
-"""The card and the Croissant metadata: what they say is what the dataset holds, and all that the format asks for."""
+"""The card and the Croissant metadata: they agree with the dataset, and hold everything that the format requires."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ def test_croissant_holds_all_that_the_format_asks_for(paths):
             assert field["dataType"] in ("sc:Text", "sc:Integer", "sc:Float")
 
 
-def test_what_nobody_said_is_left_out_and_not_made_up(tmp_path):
+def test_missing_metadata_is_left_out_and_not_invented(tmp_path):
     make_products.build(tmp_path)
     about = products.read_json(tmp_path / "dataset/croissant.json")
     assert set(REQUIRED) - set(about) == {"url", "datePublished"}
@@ -102,7 +102,7 @@ def test_the_card_says_what_the_dataset_holds(paths):
     assert len(picture.getcolors(1 << 20)) > 50
 
 
-def test_whom_a_licence_asks_to_name_is_named(paths):
+def test_attributions_that_licences_require_are_named(paths):
     record = products.read_json(paths.dataset_record)
     text = card(record, Card(), ["Z. Sculptor", "", "A. Sculptor", "Z. Sculptor"], "")
     assert "- A. Sculptor\n- Z. Sculptor\n" in text

@@ -1,4 +1,4 @@
-"""What is known of all jobs of an object together: how they were made, and where the first refusal stands."""
+"""The jobs of an object together: how they were made, and the first refusal."""
 
 from __future__ import annotations
 

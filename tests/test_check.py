@@ -1,4 +1,4 @@
-"""``vibraverse check``: every byte is covered, the wrong object is named, and numbers are made again."""
+"""``vibraverse check``: every byte is covered, the wrong object is named, and numbers are recomputed."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def dataset(whole, tmp_path) -> Path:
 
 @pytest.fixture
 def in_this_process(monkeypatch):
-    """Look into shards here: the child process of every flip would cost a second."""
+    """Read shards in this process, because a child process per flip would cost a second."""
     monkeypatch.setattr(folder, "run_limited", lambda function, *arguments, **_: function(*arguments))
 
 
@@ -41,7 +41,7 @@ def flip(path: Path, place: int, bit: int = 0) -> None:
 
 
 def rewrite(dataset: Path, shard: str, change) -> None:
-    """Change a shard's content and make all its checksums right, as a wrong program would."""
+    """Change a shard's content and correct all its checksums, as a faulty program would."""
     with h5py.File(dataset / "shards" / shard, "r+") as h5:
         change(h5["objects"])
         for group in h5["objects"].values():
@@ -65,7 +65,7 @@ def test_a_whole_dataset_passes_with_everything_made_again(whole, vibraverse):
 
 
 def test_a_hundred_flipped_bytes_are_found(dataset, in_this_process):
-    """Anywhere in a shard, be it data, structure or padding."""
+    """Anywhere in a shard: data, structure or padding."""
     draw = random.Random(1)
     for _ in range(100):
         name = draw.choice(["0.h5", "1.h5"])
@@ -189,7 +189,7 @@ def test_a_stranger_is_one_finding_and_nothing_of_ours_is_deleted(dataset, vibra
 
 
 @pytest.mark.parametrize("witness", ["dataset.json", "SHA256SUMS"])
-def test_without_a_witness_no_file_is_a_stranger(dataset, witness):
+def test_without_checksum_lists_no_file_is_a_stranger(dataset, witness):
     (dataset / witness).write_text("")
     found = list(folder.findings(dataset))
     assert found
@@ -241,7 +241,7 @@ def with_text(path: str, text: str):
 
 
 def turned(path: str):
-    """Change two modes, one of them by little; two others are no longer orthogonal to them."""
+    """Change two modes, one of them slightly; two others are then no longer orthogonal to them."""
 
     def change(objects):
         objects[path][0] = objects[path][0][::-1]
@@ -296,7 +296,7 @@ def test_shapes_agree_with_each_other(dataset):
 
 
 def solved_directly(vertices: int):
-    """Store a material's shapes on so many vertices as they are, as of one that was solved on the mesh."""
+    """Store a material's shapes in full on this many vertices, as for a material solved on the mesh."""
 
     def change(objects):
         steel = objects[STEEL]

@@ -351,7 +351,7 @@ def broken_reader(*_):
 
 
 def test_a_mistake_in_the_child_ends_the_job(tmp_path, vibraverse, monkeypatch):
-    """It is no refusal: nothing is written, and the child's traceback says where."""
+    """It is not a refusal: nothing is written, and the child's traceback shows the place."""
     (tmp_path / "a.mesh").write_bytes(meshes.ply_bytes(*shapes.box()))
     (tmp_path / "a.json").write_text(json.dumps({"format": "ply", "file": "a.ply"}))
     monkeypatch.setattr("vibraverse.geometry.cleaning.clean.clean", broken_reader)
@@ -365,7 +365,7 @@ def test_a_mistake_in_the_child_ends_the_job(tmp_path, vibraverse, monkeypatch):
 
 @pytest.mark.parametrize("edges", [1, 5_500_000])
 def test_the_limits_hold_while_the_file_is_read(tmp_path, vibraverse, edges):
-    """A cube: what surrounds it in a text is read too, and takes memory that its repair does not."""
+    """A cube in a long text: reading the text takes memory that the repair does not."""
     head, _, rows = ply().partition(b"end_header\n")
     head += b"element edge %d\nproperty float length\nend_header\n" % edges
     (tmp_path / "a.mesh").write_bytes(head + rows + b"10\n" * edges)

@@ -1,4 +1,4 @@
-"""The index by column: the same rows whichever way it is opened, and nothing of it in a pickle."""
+"""The columnar index: the same rows however it is opened, and none of it in a pickle."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def flipped(dataset: Path) -> None:
 
 
 def grown(dataset: Path) -> None:
-    """Give a shard another size, as one has that was packed again."""
+    """Change the size of a shard, as packing it again would."""
     with h5py.File(dataset / "shards/1.h5", "r+") as h5:
         h5.attrs["more"] = np.zeros(5000)
 
@@ -162,7 +162,7 @@ def test_a_pickle_of_another_index_is_not_read(dataset):
         pickle.loads(pickled)
 
 
-def test_columns_of_another_file_are_not_read(dataset):
+def test_columns_of_a_replaced_file_are_not_read(dataset):
     with vibraverse.dataset.open(dataset) as reader:
         assert reader.items.column("object").item(0) == "ball-0000"
         shutil.copy(dataset / "index.h5", dataset / "new.h5")
@@ -218,7 +218,7 @@ def test_rooms_of_the_dataset_import_in_one_direction():
 
 
 def imported(node) -> list[str]:
-    """Return the modules of ours that a statement imports."""
+    """Return this project's modules that a statement imports."""
     if isinstance(node, ast.Import):
         names = [alias.name for alias in node.names]
     elif isinstance(node, ast.ImportFrom) and node.module:

@@ -1,4 +1,4 @@
-"""What a run shows on a terminal and without one, with made-up events and in runs of a small workflow."""
+"""The output of a run on a terminal and without one, with synthetic events and in runs of a small workflow."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ onerror: print("something is wrong")
 
 
 class Clock:
-    """Seconds that a test sets."""
+    """A clock whose seconds a test sets."""
 
     def __init__(self):
         self.now = 0.0
@@ -57,7 +57,7 @@ class Clock:
 
 
 class Events:
-    """Sends a console Snakemake's records, and tells it the time."""
+    """A source of Snakemake's records and of the time, for a console."""
 
     def __init__(self, **settings):
         self.clock, self.stream = Clock(), io.StringIO()
@@ -227,7 +227,7 @@ def command(*arguments: str) -> list[str]:
 
 
 def on_terminal(folder: Path, *arguments: str) -> tuple[int, str]:
-    """Run Snakemake on a terminal of its own; return its exit status and what the terminal was sent, without codes."""
+    """Run Snakemake on a pseudo-terminal; return its exit status and its output without control codes."""
     ours, theirs = pty.openpty()
     environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120"}
     process = subprocess.Popen(
@@ -315,7 +315,9 @@ def test_a_run_without_a_terminal_writes_a_line_now_and_then_and_its_log_keeps_e
         (["--report", "report.html"], ["Report"], ["jobs done"]),
     ],
 )
-def test_what_is_no_run_or_wants_other_lines_is_snakemakes_own(folder, arguments, shown, hidden):
+def test_without_jobs_or_with_other_verbosity_snakemakes_own_lines_are_shown(
+    folder, arguments, shown, hidden
+):
     target = (
         [] if arguments[0] in ("--lint", "--report", "--unlock") else ["made/objects/1/b", "made/objects/0/b"]
     )

@@ -33,7 +33,7 @@ def turned(vertices, seed: int):
 
 
 def variants() -> dict[str, tuple]:
-    """Return a spoon and its copies, and what only looks like it."""
+    """Return a spoon, its copies, and objects that only look like it."""
     mesh = generate("spoon-0003")
     vertices, faces = np.asarray(mesh.vertices, dtype=float), np.asarray(mesh.faces)
     # A third of the triangles get a vertex in their middle: other triangles, the same surface.

@@ -281,7 +281,7 @@ def test_few_shards_are_kept_open(results, monkeypatch):
     def files() -> int:
         return sum(Path(link).resolve().suffix == ".h5" for link in Path("/proc/self/fd").iterdir())
 
-    monkeypatch.setattr("vibraverse.dataset.read.reader._MOST_OPEN", 1)
+    monkeypatch.setattr("vibraverse.dataset.read.reader.MAX_OPEN_SHARDS", 1)
     before = files()
     with vibraverse.dataset.open(results / "dataset") as reader:
         assert files() == before
@@ -352,7 +352,7 @@ def test_reading_needs_only_numpy_and_h5py(results):
 
 
 def test_control_characters_of_files_reach_no_shard(tmp_path):
-    """HDF5 texts hold no NUL, and a mesh file may hold any byte."""
+    """HDF5 texts cannot hold NUL, but a mesh file may hold any byte."""
     paths = make_products.make(tmp_path, objects=("bar-0000", "leaf"))
     record = Path(paths.at(paths.source_record, object="bar-0000"))
     source = products.read_json(record)

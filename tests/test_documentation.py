@@ -62,12 +62,12 @@ STANDS_FOR = (
 
 
 def reason(command: str) -> str:
-    """Return why a command cannot run here, nothing where it can."""
+    """Return why a command cannot run here; "" if it can."""
     return next((why for pattern, why in CANNOT.items() if re.match(pattern, command)), "")
 
 
 def made_runnable(command: str) -> str:
-    """Return a command with what stands for its placeholders, made small."""
+    """Return a command with its placeholders filled in and its work made small."""
     for pattern, instead in STANDS_FOR:
         command = re.sub(pattern, instead, command)
     return command
@@ -91,7 +91,7 @@ SPANS = {
 
 @pytest.fixture(scope="module")
 def clone(finished, tmp_path_factory) -> Run:
-    """A folder like a clone in which a run is finished that has all that the documents speak of."""
+    """A folder like a clone, with a finished run that has everything the documents mention."""
     run = Run(tmp_path_factory.mktemp("documented") / "clone", finished.root)
     shutil.copytree(finished.folder, run.folder, ignore=shutil.ignore_patterns("dataset"))
     run.config = {

@@ -65,7 +65,7 @@ def test_order_one_too():
 
 @pytest.mark.parametrize("method", ["lanczos", "arpack"])
 def test_residuals_of_thin_bodies(method):
-    """Rounding is rough: without a last solve the lowest modes' residuals would be a hundred times the tolerance."""
+    """Rounding is large: without a final solve, the lowest modes' residuals would be a hundred times the tolerance."""
     found = solve(
         assemble(*box((10, 10, 0.05), (10, 10, 1))), POISSON, 20, rng=rng("a"), method=method, tolerance=3e-6
     )
@@ -74,7 +74,7 @@ def test_residuals_of_thin_bodies(method):
 
 
 class Blind(np.random.Generator):
-    """Random numbers that at first have no part of one mode, so that an iteration from them cannot find it."""
+    """Random start vectors without any part of one mode, so that an iteration from them cannot find it."""
 
     def __init__(self, vector, weighted):
         super().__init__(np.random.PCG64(1))
@@ -121,7 +121,7 @@ def test_inertia_counts_the_modes(operators, exact, factorisation):
 
 @pytest.mark.parametrize("factorisation", ["pardiso", "superlu"])
 def test_a_count_in_doubt_is_refused(operators, exact, factorisation):
-    """Where an eigenvalue lies on the cut but for rounding, its side is rounding."""
+    """If an eigenvalue lies on the cut, its side is decided by rounding."""
     with pytest.raises(Refused, match="too many digits"):
         count_below(
             operators, POISSON, exact.values[12] * (1 + 1e-14), exact.vectors[:, 12:13], factorisation

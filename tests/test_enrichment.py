@@ -1,4 +1,4 @@
-"""The elements' own error: estimated, and taken out of the frequencies."""
+"""The element error: estimated, and removed from the frequencies."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ SIDES, DIVISIONS, MODES, POISSON = (1.0, 0.8, 0.5), (4, 3, 2), 30, 0.3
 
 
 def distorted(divisions, by: float):
-    """A distorted brick, numbered anew at random."""
+    """A distorted brick with random numbering."""
     random = rng("distorted")
     points, cells = distorted_box(SIDES, divisions, by, random)
     order = random.permutation(len(points))

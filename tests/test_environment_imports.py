@@ -1,6 +1,6 @@
 """Each stage finds in its own environment whatever its code can import.
 
-Read from the source, not by running it: a conda or container user has one family's packages only, while the
+Read from the source, without running it: a conda or container user has one family's packages only, whereas the
 developer who forgets to list one has them all.
 """
 

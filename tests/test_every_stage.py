@@ -1,4 +1,4 @@
-"""Every stage of the table is really run, the validation's and the report's part of it too: planning finds no mistake.
+"""Every stage of the table really runs, including the validation and its part of the report.
 
 The tiny run makes all but the validation. That is run by its own rules for the body that takes least; the comparisons
 of the other bodies are copies of its.
@@ -52,7 +52,7 @@ def commands(run: Run) -> dict[str, list[str]]:
 
 
 def test_every_stage_was_run(validated):
-    """A new stage is run by the tiny configuration of ``workflow_runs.py``, or by the fixture here."""
+    """The tiny configuration of ``workflow_runs.py`` or the fixture here must run a new stage."""
     ran = commands(validated)
     for step in STEPS:
         assert step.name in ran, f"no test runs the stage {step.name}"

@@ -1,4 +1,4 @@
-"""Exports: other programs' forms, holding what the dataset holds."""
+"""Exports: formats of other programs, with the content of the dataset."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ def test_the_folder_one_stands_in_is_not_replaced(folder, tmp_path, vibraverse, 
 
 
 def test_an_array_too_large_for_json_is_said(export, monkeypatch):
-    monkeypatch.setattr("vibraverse.dataset.publish.export._MOST_AS_TEXT", 4095)
+    monkeypatch.setattr("vibraverse.dataset.publish.export._MAX_JSON_NUMBERS", 4095)
     _, said = export("--format", "huggingface", "--fields", "sound,signed_distance", status=2)
     assert "signed_distance holds 4,096 numbers for every item" in said
     assert "--parquet or --format webdataset" in said

@@ -140,8 +140,8 @@ def test_an_id_is_the_same_bytes_in_another_process(made, name):
     assert other.stdout.strip() == here
 
 
-def test_bowl_7_is_what_it_always_was():
-    """The promise of the ids; parameters are exact, the surface to a micrometre on any processor."""
+def test_the_surface_of_bowl_7_never_changes():
+    """An id always gives the same object: exact parameters, and the surface to a micrometre on any processor."""
     bowl = drawn("bowl-0007")
     assert (bowl.size_m, bowl.depth, bowl.foot, bowl.thickness) == (0.1291, 0.6653, 0.4259, 0.1188)
     shape = generate("bowl-0007")

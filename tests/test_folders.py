@@ -1,4 +1,4 @@
-"""Folders, globs and single files of meshes: which files there are and what their objects are called."""
+"""Folders, globs and single files of meshes: the files found, and the ids of their objects."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def test_nothing_to_read_is_one_sentence(tmp_path):
 
 
 def test_what_is_no_file_is_left_out_of_a_folder(tmp_path):
-    """Pipes, folders named like meshes and links that lead to themselves or nowhere: none stops a run or hangs it."""
+    """Pipes, folders named like meshes, and circular or broken links neither stop nor hang a run."""
     make(tmp_path, "-dash.obj", "Töpfe & Krüge.obj", "folder.obj/in.obj", "a*?[b].obj")
     os.mkfifo(tmp_path / "pipe.stl")
     (tmp_path / "self.obj").symlink_to("self.obj")

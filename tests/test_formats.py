@@ -1,4 +1,4 @@
-"""The registry of mesh formats: one module makes a format known everywhere; and what is wrong in a file is said."""
+"""The registry of mesh formats: one module adds a format everywhere; messages say what is wrong in a file."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Fresh materials: labels that are exactly what the stage ``modes`` computes, and the same whoever makes them."""
+"""Fresh materials: labels equal those of the stage ``modes``, in any process."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def real_modes(paths: Paths, object_id: str, solidity: str) -> None:
 
 
 def only(**values) -> dict:
-    """Return ranges that leave no choice."""
+    """Return ranges that allow a single value each."""
     return {name: (value, value) for name, value in values.items()}
 
 

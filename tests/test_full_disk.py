@@ -27,13 +27,13 @@ def made(tmp_path_factory):
 
 @pytest.fixture
 def cube(tmp_path) -> Path:
-    """A mesh that is soon computed."""
+    """A mesh that is quick to compute."""
     trimesh.creation.box((1, 1, 1)).export(tmp_path / "cube.obj")
     return tmp_path / "cube.obj"
 
 
 def command(*arguments, **environment) -> subprocess.CompletedProcess:
-    """Run a command in a process of its own: how it ends is part of the contract."""
+    """Run a command in a process of its own, because its end is part of the contract."""
     return subprocess.run(
         [sys.executable, "-m", "vibraverse", *map(str, arguments)],
         env={**os.environ, **environment},
@@ -54,7 +54,7 @@ def assert_full(done: subprocess.CompletedProcess, sentence: str) -> None:
 
 
 def fill(disk: Path, left: int) -> None:
-    """Leave so many bytes on a disk."""
+    """Fill a disk except for this many bytes."""
     free = os.statvfs(disk)
     (disk / "full").write_bytes(b"x" * (free.f_bavail * free.f_frsize - left))
 
@@ -74,7 +74,7 @@ def test_strike_onto_a_full_disk(cube, small_disk, tmp_path, option):
 
 @pytest.mark.parametrize("left_kb", [8, 32, 96])
 def test_strike_with_its_temporary_folder_on_a_full_disk(cube, small_disk, tmp_path, left_kb):
-    """Whichever stage it is that finds no room: sources with 8 kB, tets with 32, basis with 96."""
+    """Each of several stages fills the disk: sources with 8 kB left, tets with 32, basis with 96."""
     disk = small_disk("size=4m")
     fill(disk, left_kb * 1024)
     done = strike(cube, "-o", tmp_path / "cube.wav", TMPDIR=str(disk))
@@ -101,7 +101,7 @@ def test_a_stage_on_a_full_disk(made, small_disk):
 
 @pytest.mark.parametrize("left", [0, 4096])
 def test_a_refusal_is_passed_on_to_a_full_disk(small_disk, tmp_path, left):
-    """A file's own page finds room and the second one's does not, or neither does."""
+    """There is room for the first file and not for the second, or for neither."""
     surface = tmp_path / "surface.ply"
     surface.write_text(Refusal("cup", "clean", "empty", "No triangles. " * 200).to_text())
     disk = small_disk("size=64k")

@@ -1,4 +1,4 @@
-"""clean: whatever is done to a mesh, the result is the surface of one solid, or a refusal.
+"""clean: however a mesh is damaged, the result is the surface of one solid, or a refusal.
 
 Bodies are broken by a few random steps each. The quick run takes the same examples every time; set
 ``VIBRAVERSE_FUZZ`` to a number for so many new ones.
@@ -136,7 +136,7 @@ def wall(vertices, faces, random):
 
 
 def again(vertices, faces, random):
-    """Add the body again, somewhere else or right beside, where the two touch."""
+    """Add a copy of the body, apart from it or touching it."""
     step = random.uniform(-1, 1, 3) * random.choice([0.0, 0.1, 1.0, 3.0])
     if random.random() < 0.5:
         step = np.ptp(vertices, axis=0) * random.integers(-1, 2, 3)

@@ -1,4 +1,4 @@
-"""Files that are damaged in every way a machine can think of: a mesh or a refusal, soon, in little memory.
+"""Randomly damaged files: the result is a mesh or a refusal, in little time and memory.
 
 ``VIBRAVERSE_FUZZ=MINUTES pytest tests/test_fuzz_files.py`` looks further, with other examples every time.
 """
@@ -66,7 +66,7 @@ class TooSlow(BaseException):
 
 @contextlib.contextmanager
 def limited(seconds: int):
-    """Raise :class:`TooSlow` after so many seconds of CPU time, which a busy machine takes no more of."""
+    """Raise :class:`TooSlow` after this many seconds of CPU time, which does not depend on the machine's load."""
 
     def stop(*_):
         raise TooSlow(f"reading took more than {seconds} s")
@@ -81,7 +81,7 @@ def limited(seconds: int):
 
 
 def read(path: Path, format: str, seconds: int = SECONDS):
-    """Return the mesh and the refusal of reading a file, one of them None; nothing else may come of it."""
+    """Return the mesh and the refusal from reading a file, one of them None; no other result is allowed."""
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     mesh = said = None
     with limited(seconds):
@@ -95,7 +95,7 @@ def read(path: Path, format: str, seconds: int = SECONDS):
 
 
 def check(data: bytes, format: str) -> None:
-    """Read bytes as a format: only a sound mesh or a refusal that names the file may come of it.
+    """Read bytes as a format; the result must be a sound mesh or a refusal that names the file.
 
     Refusals come of errors about the file alone. A mistake of ours, or a library's error that no reader expects, is
     raised here and fails the test.
@@ -179,7 +179,7 @@ def damaged_json(document, random: random.Random):
 
 
 def some_file(chance: random.Random) -> tuple[bytes, str]:
-    """Return the bytes and the format of a file that is broken by chance."""
+    """Return the bytes and the format of a randomly damaged file."""
     format, data = chance.choice(list(SAMPLES.values()))
     kind = chance.randrange(10)
     if kind == 0:

@@ -1,4 +1,4 @@
-"""Which GPUs a job gets; a stand-in ``nvidia-smi`` tells of two, the locks are real."""
+"""Claims on GPUs; a stand-in ``nvidia-smi`` reports two, the locks are real."""
 
 from __future__ import annotations
 
@@ -66,8 +66,8 @@ def test_the_idlest_is_taken_and_the_environment_is_put_back(two):
     assert not any(map(gpus.claimed, gpus.visible()))
 
 
-def test_half_a_claim_is_none(two):
-    """Who wants two and finds one holds nothing while it waits."""
+def test_a_partial_claim_claims_nothing(two):
+    """A job that wants two and finds one claims nothing while it waits."""
     with holder(1) as one:
         one.stdout.readline()
         with holder(2) as both:

@@ -94,7 +94,7 @@ def film(thickness, n=20):
 
 
 def test_a_film_thinner_than_single_precision_is_refused(vibraverse, tmp_path):
-    """It is a solid to every other judge; the rays that give the sign meet its far side first."""
+    """Every other check takes it for a solid; the rays that give the sign meet its far side first."""
     vertices, faces = film(1e-7)
     judge(vertices, faces)
     assert Sampler(*film(1e-5)).occupancy(16).shape == (16, 16, 16)

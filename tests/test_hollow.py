@@ -104,7 +104,7 @@ def test_the_deepest_point_is_found_below_the_grid():
 
 
 def test_the_centre_of_a_ball_ends_no_search():
-    """All around are shallower by just as much as a cell may be that holds nothing deeper, but for rounding."""
+    """All neighbouring cells are shallower by exactly the search bound, up to rounding."""
     random, n = rng("t", "ball"), 16
     places = np.stack(np.meshgrid(*[cell_centres(n)] * 3, indexing="ij"), axis=-1)
     for _ in range(20):

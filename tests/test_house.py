@@ -1,4 +1,4 @@
-"""The house: which room may import which, how many floors there are, how long a file may be."""
+"""The structure of the package: which room may import which, the number of floors, the length of files."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def modules() -> dict[str, Path]:
 
 @cache
 def imports(module: str) -> frozenset[str]:
-    """Return the modules of ours that a module imports anywhere in it, but for type checkers alone."""
+    """Return this project's modules that a module imports anywhere, except for type checking only."""
     found = set()
     pending: list[ast.AST] = [ast.parse(modules()[module].read_text(encoding="utf-8"))]
     while pending:
@@ -68,7 +68,7 @@ def room(module: str) -> str:
 
 
 def circle(graph: dict[str, set[str]]) -> list[str]:
-    """Return the names along a circle of a graph; nothing where there is none."""
+    """Return the names along a circle of a graph; empty without a circle."""
     done: set[str] = set()
 
     def visit(name: str, above: tuple[str, ...]) -> list[str]:
@@ -86,7 +86,7 @@ def circle(graph: dict[str, set[str]]) -> list[str]:
 
 
 def rooms() -> dict[str, set[str]]:
-    """Return which rooms each room imports."""
+    """Return the rooms that each room imports."""
     graph: dict[str, set[str]] = {room(module): set() for module in modules()}
     for module in modules():
         graph[room(module)] |= {room(other) for other in imports(module)} - {room(module)}

@@ -44,7 +44,7 @@ def box(size):
 
 
 def covered(picture):
-    """Tell which pixels show the object."""
+    """Return the mask of the pixels that show the object."""
     return (np.abs(picture.astype(float) - BACKDROP) > 3).any(axis=-1)
 
 

@@ -87,7 +87,7 @@ def snakemake(folder: Path, *arguments: str) -> dict:
 
 
 def test_snakemake_and_its_slurm_plugin_are_as_assumed(tmp_path, bin_):
-    """The contract. Where it fails after an update, mend ``internals.py`` and set its bounds of versions."""
+    """The contract test. If it fails after an update, correct ``internals.py`` and set its version bounds."""
     assert internals.is_tested(internals.SNAKEMAKE)
     assert internals.is_tested(internals.SLURM_PLUGIN)
 
@@ -145,7 +145,7 @@ def test_snakemake_and_its_slurm_plugin_are_as_assumed(tmp_path, bin_):
 
 
 def look(bin_: Path, answer: str | None, jobs: list) -> tuple[list, list, dict | None]:
-    """Let the plugin look at jobs once; return the ids of those it returns and reports, and what it was answered."""
+    """Let the plugin check jobs once; return the ids that it returns and reports, and the answers that it got."""
     import snakemake_executor_plugin_slurm as plugin
 
     (bin_ / "sacct.out").unlink(missing_ok=True)
@@ -211,7 +211,7 @@ def test_what_snakemake_does_not_have_is_one_sentence(capsys):
 
 
 class Scheduler:
-    """Counts how often it looks, and asks for another look each time, as Snakemake's does."""
+    """A scheduler that counts its evaluations and requests another one each time, as Snakemake's does."""
 
     def __init__(self):
         self._open_jobs = threading.Semaphore(0)
@@ -224,7 +224,7 @@ class Scheduler:
             internals._evaluate_later(self, delay)
 
 
-def test_one_look_waits_however_many_jobs_have_finished():
+def test_one_timer_waits_however_many_jobs_have_finished():
     scheduler = Scheduler()
     before = threading.active_count()
     for _ in range(500):
@@ -234,7 +234,7 @@ def test_one_look_waits_however_many_jobs_have_finished():
     assert threading.active_count() <= before + 1
 
 
-def test_looks_go_on_by_themselves():
+def test_evaluations_continue_after_a_timer():
     scheduler = Scheduler()
     for _ in range(5):
         scheduler._open_jobs.release()

@@ -1,4 +1,4 @@
-"""The journal of jobs: what each leaves, whoever kills it, and however many write at once."""
+"""The journal of jobs: what each leaves, however it ends and however many write at once."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def test_a_killed_job_leaves_its_begin_and_no_lock(run, job):
 
 
 def test_a_lock_is_believed_and_not_the_number_of_a_process(run, job):
-    """A process of that number may be another one, on this machine or any other."""
+    """Another process may have that number, on this machine or another."""
     ((file, worker),) = journal.begun("results")
     job.kill()
     job.wait()
@@ -180,7 +180,7 @@ def test_an_orphan_is_waited_for_and_what_the_dead_left_is_cleared(tmp_path, mon
 
 @pytest.fixture(params=[errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP])
 def without_locks(request, tmp_path, monkeypatch):
-    """No file can be locked in this process; returns what the system says."""
+    """Let locking fail in this process; return the system's message."""
     monkeypatch.chdir(tmp_path)
 
     def refuse(*_):
@@ -256,7 +256,7 @@ def test_without_locks_a_job_is_told_by_its_process(without_locks):
     mark.remove()
 
 
-def test_who_reads_its_own_file_keeps_its_lock(run):
+def test_a_process_that_reads_its_own_file_keeps_its_lock(run):
     program = (
         "from vibraverse.contract import journal;"
         "print(*[one.process for one in journal.working_runs('results').values()])"

@@ -1,4 +1,4 @@
-"""Functions in child processes: what they take is limited, and how they end is said."""
+"""Functions in child processes: their limits, and the messages about their ends."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ def unloaded() -> None:
 
 
 def large() -> bytes:
-    """Return what takes as much again to be sent."""
+    """Return a result that takes as much memory again to send."""
     return bytes(200 * 10**6)
 
 
 def spin(seconds: float) -> str:
-    """Compute for so much CPU time."""
+    """Compute for this much CPU time in seconds."""
     while time.process_time() < seconds:
         pass
     return "done"
@@ -122,7 +122,7 @@ def wide(seconds: float) -> bytes:
 
 
 def test_a_child_ends_with_its_process(tmp_path):
-    """A killed job leaves nobody that computes, or waits for ever to tell its result."""
+    """A killed job leaves no child that computes or waits for ever to send its result."""
     program = (
         "from test_limits import wide\n"
         "from vibraverse.contract.limits import run_limited\n"

@@ -1,4 +1,4 @@
-"""Where products come from, which are wrong, what is made again: ``provenance``, ``repair``, ``refusals --retry``."""
+"""Origin, damage and remaking of products: ``provenance``, ``repair``, ``refusals --retry``."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run(finished, tmp_path):
 
 
 def rot(path: Path) -> None:
-    """Change one byte and not the time, as a disk does."""
+    """Change one byte but not the modification time, as a failing disk does."""
     times, content = path.stat(), bytearray(path.read_bytes())
     content[len(content) // 2] ^= 1
     path.write_bytes(content)
@@ -72,7 +72,7 @@ def test_what_is_wrong_is_said_deleted_and_planned_again(run, vibraverse, broken
 
 
 def test_a_repair_begins_with_the_last_products_and_goes_down_the_chain(tmp_path, vibraverse, monkeypatch):
-    """Stopped anywhere, it leaves a run that makes again what is gone, or a wrong file that later ones tell of."""
+    """Stopped anywhere, it leaves a run that remakes the deleted products, or a wrong file that later ones reveal."""
     paths = make_products.build(tmp_path)
     products.write_text(paths.report, "")
     wrong = Path(paths.at(paths.modes, object="bar-0000", solidity="solid"))
@@ -89,7 +89,7 @@ def test_a_repair_begins_with_the_last_products_and_goes_down_the_chain(tmp_path
 
 
 def test_what_is_missing_in_a_folder_is_made_again(run, vibraverse, finished):
-    """Snakemake sees the folder, and no more."""
+    """Snakemake sees only the folder."""
     folder = run.folder / BODY
     (folder / "solid/sounds/wood.wav").unlink()
     (folder / "views/images.json").unlink()
@@ -126,7 +126,7 @@ def test_what_the_next_run_makes_anew_is_not_wrong(run, vibraverse):
 
 
 def test_retried_refusals_run_again_in_a_finished_run(run, vibraverse):
-    """The report is there and up to date; yet the refused products must be made again."""
+    """The report exists and is up to date; the refused products must still be remade."""
     paths = Paths(run.folder / "results")
     for made in jobs(paths, "bar-0000"):
         if made.solidity == "hollow" and made.step.stage != "tets":
@@ -179,7 +179,7 @@ def test_the_table_of_stages_says_what_the_rules_do(finished, monkeypatch):
         assert section.model_validate_json(found_options) == section.model_validate_json(options)
 
 
-def test_the_commands_of_a_product_make_it_again(finished, run, vibraverse, monkeypatch):
+def test_the_commands_of_a_product_remake_it(finished, run, vibraverse, monkeypatch):
     monkeypatch.chdir(run.folder)
     status, out, _ = vibraverse("provenance", "results/objects/bar-0000/solid/sounds/steel.wav", "--commands")
     assert status == 0
@@ -252,7 +252,7 @@ def test_a_dataset_alone_states_where_its_objects_come_from(finished, tmp_path, 
     )
 
 
-def test_a_change_since_is_said(run, vibraverse, monkeypatch):
+def test_a_changed_input_is_reported(run, vibraverse, monkeypatch):
     monkeypatch.chdir(run.folder)
     rot(Path(BODY, "solid/tets.msh"))
     _, out, _ = vibraverse("provenance", f"{BODY}/solid/modes.h5")
@@ -286,7 +286,7 @@ def test_mistakes_are_one_sentence(run, vibraverse, monkeypatch, arguments, sent
     assert sentence in errors
 
 
-def test_nothing_there_is_one_sentence(tmp_path, vibraverse):
+def test_an_empty_results_folder_is_one_sentence(tmp_path, vibraverse):
     status, _, errors = vibraverse("repair", "--results", tmp_path)
     assert status == 2
     assert "holds no objects and no dataset" in errors

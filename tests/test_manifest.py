@@ -223,7 +223,7 @@ def test_fifty_thousand_rows_are_quick(folder):
 
 
 def test_a_file_that_may_not_be_read_is_no_input_of_the_rule(folder, monkeypatch):
-    """Snakemake would stop at it; the stage is told of it and refuses the one object."""
+    """Snakemake would stop at it; the stage gets its name and refuses that object."""
     plan = Plan(config(folder))
     argument = f"--file='{folder}/Cup 1.obj'"
     assert source_file(plan, "cup-1") == [f"{folder}/Cup 1.obj"]

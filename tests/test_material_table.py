@@ -1,4 +1,4 @@
-"""Materials: the named table, one's own, and what no solid is."""
+"""Materials: the named table, a user's own, and parameters of no real solid."""
 
 from __future__ import annotations
 

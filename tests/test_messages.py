@@ -1,5 +1,6 @@
-"""Messages: each kind is provoked, and says what is wrong, why, and what to do; so does each in the source, as far as
-its literal text goes."""
+"""Messages: each kind is provoked and says what is wrong, why, and what to do.
+
+The literal texts in the source are checked as well."""
 
 from __future__ import annotations
 
@@ -46,7 +47,7 @@ def test_the_source_is_read():
 
 @pytest.mark.parametrize("said", SOURCE, ids=lambda said: said.place)
 def test_a_message_in_the_source(said: Said):
-    """What is computed (``str(error)``, ``unknown(…)``) is judged where it is provoked, below."""
+    """Computed parts (``str(error)``, ``unknown(…)``) are checked below, where they are provoked."""
     wrong = []
     if said.kind == "Refused":
         joined = said.place.partition(":")[0] in JOINED

@@ -216,7 +216,7 @@ PINNED_YOUNG_PA = 4236078362.579333
 
 
 def test_sampled_materials_of_a_body(chain, vibraverse):
-    """Each is what the same numbers under a name of their own give; sounds on request."""
+    """Each equals a named material with the same numbers; sounds on request."""
     import h5py
     import soundfile
 
@@ -348,7 +348,7 @@ def test_broken_tetrahedra_become_a_refusal(tmp_path, vibraverse):
     [("pardiso", 60), ("pardiso", 150), ("pardiso", 400), ("superlu", 400)],
 )
 def test_a_body_too_large_for_its_memory_is_refused(tmp_path, factorisation, memory_mb):
-    """In a process of its own, because the limit counts all that the process has.
+    """In a process of its own, because the limit counts everything that the process has.
 
     Early and late: where memory runs out while they load, MKL ends the process and OpenBLAS tries again for ever.
     """

@@ -1,4 +1,4 @@
-"""Containers and clusters without either: names, labels, profiles, and the sentences said before a run."""
+"""Containers and clusters, tested without either: names, labels, profiles, and the messages before a run."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def test_profiles_agree_where_machines_do_not_matter(root):
 
 @pytest.fixture(scope="module")
 def snakemake_help() -> str:
-    """What Snakemake and the plugins of the environment say they take."""
+    """The help of Snakemake and the installed plugins."""
     return subprocess.run(
         [sys.executable, "-m", "snakemake", "--help"], capture_output=True, text=True
     ).stdout
@@ -145,7 +145,7 @@ def build(root):
 
 
 def test_pips_settings_are_lent_to_a_build_as_pip_takes_them(build, tmp_path, monkeypatch):
-    """Those of the environment win, and several places stay several."""
+    """Those of the environment take precedence, and lists of indices stay lists."""
     own = tmp_path / "own.conf"
     own.write_text(
         "[global]\nindex-url = https://file.example/simple\ntimeout = 50\nextra-index-url =\n"
@@ -167,7 +167,7 @@ def test_pips_settings_are_lent_to_a_build_as_pip_takes_them(build, tmp_path, mo
     assert expected.items() <= dict(lent["global"]).items()
 
 
-def test_a_family_that_is_none_is_named(root):
+def test_an_unknown_family_is_named(root):
     command = [sys.executable, str(root / "containers/build.py"), "fem", "geom"]
     done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 1
@@ -177,7 +177,7 @@ def test_a_family_that_is_none_is_named(root):
 # The sentences before a run
 
 
-def test_an_object_or_shard_that_the_run_has_not_is_named():
+def test_an_unknown_object_or_shard_is_named():
     plan = Plan({"sources": {"generated": {"count": 1, "families": ["bar"]}}, "dataset": {"shards": 1}})
     assert preflight.known(plan, [], "object", "bar-0000") == "bar-0000"
     assert said(preflight.known, plan, [], "object", "bar-000").endswith(
@@ -209,7 +209,7 @@ def test_a_file_of_an_object_that_is_not_configured_is_one_sentence(root, tmp_pa
 
 
 def test_a_product_of_an_object_of_before_may_be_a_source(root, tmp_path):
-    """Snakemake asks for the jobs that would make it, and takes it as it lies."""
+    """Snakemake looks for jobs that make it, and takes it as it is."""
     before = tmp_path / "results/objects/before/surface.ply"
     before.parent.mkdir(parents=True)
     before.write_text("no run reads it here")
@@ -273,7 +273,7 @@ def test_meshes_that_images_do_not_see(bin_, tmp_path, monkeypatch):
     ],
 )
 def test_a_profile_that_is_not_there_is_named(tmp_path, monkeypatch, arguments, there):
-    """Snakemake would run without one, and compute where it was started."""
+    """Snakemake would run without a profile, on the machine where it was started."""
     monkeypatch.chdir(tmp_path)
     if there:
         preflight.profile(["snakemake", *arguments])

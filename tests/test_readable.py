@@ -1,4 +1,4 @@
-"""What keeps a file from being read, in words, and the commands that say so."""
+"""Why a file cannot be read, in words, and the commands that say so."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NOBODY = 65534
 
 @contextmanager
 def as_nobody():
-    """Act without root's rights, where this process has them."""
+    """Drop root's rights for a test, if this process has them."""
     if os.geteuid() == 0:
         os.seteuid(NOBODY)
     try:
@@ -28,7 +28,7 @@ def as_nobody():
 
 @pytest.fixture
 def closed():
-    """A file that its user may not read, in a folder that anybody may."""
+    """A file that the user may not read, in a folder that everybody may read."""
     with tempfile.TemporaryDirectory() as folder:
         os.chmod(folder, 0o755)
         path = Path(folder, "closed.json")

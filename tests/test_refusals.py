@@ -1,4 +1,4 @@
-"""``vibraverse refusals``: listing by reason, running again, judging the share."""
+"""``vibraverse refusals``: listing by reason, retries, and the limit on the share."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def test_a_retry_begins_with_the_last_products(tmp_path, vibraverse, monkeypatch
     assert str(paths.at(paths.shard, shard="1")) not in deleted
 
 
-def test_a_retry_waits_for_no_run(results, vibraverse):
+def test_a_retry_is_refused_while_a_run_works(results, vibraverse):
     program = (
         "from vibraverse.machine.locks import only_run; "
         f"only_run({str(results)!r}); print(1, flush=True); input()"

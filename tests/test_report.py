@@ -1,4 +1,4 @@
-"""The report in a browser: opens from disk, shows, plays and lists everything, and asks nothing of a network."""
+"""The report in a browser: it opens from disk, shows, plays and lists everything, and needs no network."""
 
 from __future__ import annotations
 
@@ -230,7 +230,7 @@ def test_pictures_turn_and_themes_switch(browser):
 
 
 @pytest.mark.parametrize("width", [360, 768, 1280])
-def test_nothing_sticks_out(browser, width):
+def test_nothing_overflows_the_page(browser, width):
     metrics = {"width": width, "height": 800, "deviceScaleFactor": 1, "mobile": False}
     browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", metrics)
     assert browser.execute_script("return document.documentElement.scrollWidth") <= width

@@ -1,4 +1,4 @@
-"""The report's content: what is counted, said and drawn, whatever the dataset holds."""
+"""The report's content for all kinds of datasets: counts, texts and pictures."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ def test_the_numbers_of_every_mesh_are_a_table(report_page):
     assert cells[1:] == ["6,000", "2.5", "1.2", "12°", "0", "0.1 %", "0.1 %"]
 
 
-def test_what_mostly_holds_is_no_warning():
+def test_common_findings_are_no_warnings():
     """The thresholds lie where the numbers of the default run part (docs/tets.md)."""
     assert not meshing.cautions(21_511, 5000)
     assert meshing.cautions(40_001, 5000)[0].startswith(

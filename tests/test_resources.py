@@ -1,4 +1,4 @@
-"""Suggested memory, time and group sizes, on measurements that are made up."""
+"""Suggested memory, time and group sizes, from synthetic measurements."""
 
 from __future__ import annotations
 

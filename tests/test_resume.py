@@ -1,4 +1,4 @@
-"""A stage that takes long goes on where it was killed: its work folder, and what others make of one left over."""
+"""A long stage resumes after a kill: its work folder, and leftovers of it beside other stages' products."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def count(factor: int = 2, **variables) -> tuple[int, list[int]]:
-    """Run the stage; return its exit status and the numbers that it counted."""
+    """Run the counting stage; return its exit status and the numbers that it counted."""
     environment = {**os.environ, **{name: str(value) for name, value in variables.items()}}
     done = subprocess.run(
         [sys.executable, "-c", COUNT, str(factor)], env=environment, stdout=subprocess.PIPE, text=True

@@ -1,4 +1,4 @@
-"""The same digits on every processor: held against those recorded on processors of two makers."""
+"""The same digits on every processor: compared with those recorded on processors of two makers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Slices of the objects: whole shards each, together the whole, with locks that only overlapping runs feel."""
+"""Slices of the objects: whole shards each, together everything, with locks that only overlapping runs notice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is asked of Slurm before the first job, with stand-ins for its commands, and whether its silence loses a job."""
+"""Checks of Slurm before the first job, with stand-ins for its commands, and no lost jobs while it is silent."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from vibraverse.machine import internals, slurm
 
 @pytest.fixture
 def cluster(bin_):
-    """A Slurm of two partitions, of which one has GPUs, and an empty queue."""
+    """A Slurm with two partitions, one of them with GPUs, and an empty queue."""
     stub(bin_, "sinfo", "echo 'cpu*|64000|(null)|2:00:00'; echo 'gpu|32000|gpu:a100:2(S:0-1)|infinite'")
     stub(bin_, "squeue", "true")
     return bin_
@@ -41,7 +41,7 @@ def cluster(bin_):
         ),
     ],
 )
-def test_what_a_cluster_has_not(cluster, resources, sentence):
+def test_what_a_cluster_lacks(cluster, resources, sentence):
     assert sentence in said(slurm.check, [("sources", {"mem_mb": 1000}), ("tets", resources)])
 
 
@@ -112,7 +112,7 @@ def test_limits_of_time(limit, minutes):
 
 
 def test_a_cluster_without_accounts(cluster):
-    """The run would wait for its first job for ever, without a word."""
+    """Otherwise the run would silently wait for its first job for ever."""
     settings = types.SimpleNamespace(status_command="sacct", init_seconds_before_status_checks=None)
     stub(cluster, "sacct", "true")
     slurm.check([], ".", settings)
@@ -159,7 +159,7 @@ class Plugin:
                 yield job
 
     def looks(self, jobs) -> list[int]:
-        """Look as often as there are answers; return how many jobs are left after each."""
+        """Check jobs once per answer; return the number of jobs left after each."""
 
         async def left():
             return [job async for job in self.check_active_jobs(jobs)]
@@ -173,7 +173,7 @@ class Plugin:
 
 @pytest.fixture
 def plugin(monkeypatch):
-    """A function that returns a patient plugin that is given these answers."""
+    """A function that returns the patched plugin with these answers."""
 
     async def query(answer, logger):
         return answer, None if answer is None else 0.1
@@ -213,7 +213,7 @@ def test_a_slurm_that_stays_away_is_waited_for(plugin, bin_):
 
 
 def test_a_job_that_slurm_has_lost_fails(plugin, bin_):
-    """Jobs 1 and 3_7 (of an array) are lost; 2 is told of, and 4 waits in the queue without being in the accounts."""
+    """Jobs 1 and 3_7 (of an array) are lost; 2 is listed, and 4 is in the queue but not in the accounting."""
     stub(bin_, "squeue", "echo 2; echo 4")
     silence = internals.MAX_MISSING_ANSWERS
     lossy = plugin(*[{"2": "running"}] * (silence - 1), None, {"2": "running"}, {"2": "done"})

@@ -219,7 +219,7 @@ def test_a_file_that_may_not_be_read_is_refused(tmp_path, vibraverse, monkeypatc
 
 
 def test_a_large_file_is_copied_in_pieces(tmp_path, vibraverse):
-    """Two hundred megabytes go through a stage that may take fifty."""
+    """A stage with a limit of fifty megabytes copies two hundred."""
     import resource
 
     with open(tmp_path / "large.stl", "wb") as file:

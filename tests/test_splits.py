@@ -1,4 +1,4 @@
-"""Splits: stable while the dataset grows, shares kept where asked, copies of one shape never apart."""
+"""Splits: stable while the dataset grows, with the requested shares, and with copies of a shape together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""``vibraverse status``: states of objects and jobs, by the products that there are."""
+"""``vibraverse status``: states of objects and jobs, from the products that exist."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ NOBODY, ELSEWHERE = 2**22 + 1, "node17"
 
 @pytest.fixture
 def plan(tmp_path, monkeypatch) -> Plan:
-    """Four objects: all there, the hollow body refused, all refused, nothing there."""
+    """Four objects: complete, hollow body refused, refused, without products."""
     monkeypatch.chdir(tmp_path)
     Path("config.yaml").write_text(CONFIG)
     plan = Plan(parse({
@@ -66,7 +66,7 @@ def note(stage: str, object_id: str, solidity: str, wall_s: float, outcome: str 
 
 @pytest.fixture
 def mark():
-    """Let a job be at work in this process, or as changed; a process that is none's stands for a killed job."""
+    """Mark a job as working in this process, or as changed; an unused process number stands for a killed job."""
     marks = []
 
     def begin(stage: str, object_id: str, solidity: str = "", ago: float = 0.0, **changes) -> Mark:
@@ -167,7 +167,7 @@ def test_time_left_comes_from_the_journal(plan):
 
 
 def undo(stage: str) -> str:
-    """Take the products of a stage of the first object's solid body away; return its log."""
+    """Remove the products of a stage of the first object's solid body; return its log."""
     products = {"basis": ("basis.h5", "modes.h5", "sounds/audio.json"), "audio": ("sounds/audio.json",)}
     for product in products[stage]:
         Path(f"results/objects/{DONE}/solid/{product}").unlink()
@@ -175,7 +175,7 @@ def undo(stage: str) -> str:
 
 
 @pytest.mark.parametrize(("ago", "rest"), [(10, 20), (500, 0)])
-def test_what_running_jobs_have_behind_them_is_not_left(plan, run, mark, ago, rest):
+def test_the_time_that_running_jobs_have_taken_is_not_left(plan, run, mark, ago, rest):
     undo("basis")
     mark("basis", DONE, "solid", ago, run=run.file.name)
     now = time.time()

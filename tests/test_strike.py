@@ -55,7 +55,7 @@ def test_a_cube_rings_as_a_cube(cube, tmp_path, vibraverse):
 
 
 def test_struck_points_sound_different(cube, tmp_path, vibraverse):
-    """A corner moves in other modes than the middle of a face."""
+    """A corner moves in other modes than the centre of a face."""
     sounds = []
     for at, nearest in (("-5,-5,-5", [-5, -5, -5]), ("0,0,5.5", [0, 0, 5])):
         status, out, err = vibraverse(

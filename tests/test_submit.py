@@ -1,4 +1,4 @@
-"""Submitting slices: the scripts that Slurm gets, and what is said before it gets any."""
+"""Submitting slices: the scripts for Slurm, and the checks before them."""
 
 from __future__ import annotations
 

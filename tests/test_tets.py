@@ -1,4 +1,4 @@
-"""tets: volumes, features, quality and validity of what is filled, and the stage's products."""
+"""tets: volumes, features, quality and validity of meshes, and the stage's products."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ def test_the_same_surface_gives_the_same_bits():
 
 
 def test_points_that_share_a_tetrahedron_are_near_each_other_in_memory():
-    """What the sparse products of the solver take depends on it. gmsh numbers the surface first, then the inside."""
+    """The speed of the solver's sparse products depends on it. gmsh numbers the surface first, then the inside."""
     nodes, cells = fill(*shapes.ball(subdivisions=3), optimise=False)
     points, tetrahedra = ordered(nodes, cells)
     span = np.ptp(tetrahedra, axis=1)
@@ -180,7 +180,7 @@ def test_far_too_many_triangles_are_not_made(monkeypatch):
 
 
 def test_a_blemish_is_not_mended_at_any_price(monkeypatch):
-    """Every round has twice the triangles and the blemish still; the price is that of the first, not of the last."""
+    """Every round doubles the triangles and keeps the blemish; the result must be that of the first round."""
     rounds = []
 
     def blemished(vertices, faces, sizes, *_):

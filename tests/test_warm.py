@@ -57,7 +57,7 @@ for command in json.load(sys.stdin):
 
 
 class Running(NamedTuple):
-    """Where a warm process listens, and its number."""
+    """Address and process number of a warm process."""
 
     address: str
     process: int
@@ -74,7 +74,7 @@ def wait_for(what):
 
 
 class Parent:
-    """A program that keeps a warm process until it ends: where that is, and the environment of commands."""
+    """A program that keeps a warm process until it ends: its address, and the environment of commands."""
 
     def __init__(self, folder: Path):
         (folder / "numpy.py").write_text("raise SystemExit('what lies in the working folder is no module')")
@@ -161,7 +161,7 @@ def test_a_failure_keeps_its_exit_status_and_words(process, tmp_path):
     assert "unrecognized arguments: --nonsense" in done.stderr
 
 
-def test_a_job_that_cannot_say_why_it_fails_fails(process, tmp_path):
+def test_a_job_that_cannot_print_its_failure_fails(process, tmp_path):
     with open("/dev/full", "w") as full:
         done = subprocess.run(
             [str(COMMANDS / "vibraverse"), "sources", "--nonsense"], cwd=tmp_path, env=process[1], stderr=full
@@ -270,7 +270,7 @@ def test_jobs_import_nothing_that_the_warm_process_could_have(finished, tmp_path
     assert {job["stage"]: (job["status"], job["new"]) for job in jobs} == dict.fromkeys(commands, (0, []))
 
 
-def test_what_is_asked_is_understood(monkeypatch, tmp_path):
+def test_requests_survive_the_round_trip(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ODD", "a=b\nc\udcff")
     argv = ["sources", "", "--options", '{"a": "é"}', "a=b"]

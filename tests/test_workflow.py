@@ -156,7 +156,7 @@ def test_a_change_reruns_what_depends_on_it(changed, section, key, value, expect
     ],
 )
 def test_raising_a_stage_version_reruns_from_there(changed, tmp_path, stage, expected):
-    """In a copy of the project."""
+    """Run in a copy of the project."""
     for name in ("Snakefile", "workflow", "envs", "containers"):
         here, there = changed.root / name, tmp_path / name
         if here.is_dir():
@@ -179,7 +179,7 @@ def test_raising_a_stage_version_reruns_from_there(changed, tmp_path, stage, exp
 def test_killed_and_repeated(finished, tmp_path):
     """SIGKILL of the whole process group while jobs work; the same command finishes with the same bytes.
 
-    Only one run may work at a time, and a killed one is no hindrance.
+    Only one run may work at a time, and a killed one does not block the next.
     """
     run, draw = Run(tmp_path, finished.root), random.Random(1)
     for kill in range(3):
@@ -208,7 +208,7 @@ def wait_until_begun(process: subprocess.Popen, results: Path) -> None:
 
 
 def test_a_configuration_file_stands_alone(finished, tmp_path):
-    """What ``vibraverse config show FILE`` says is what runs, whatever ``config.yaml`` says; spaces do no harm."""
+    """The run is what ``vibraverse config show FILE`` prints, whatever ``config.yaml`` says; spaces are allowed."""
     run = Run(tmp_path, finished.root)
     run.config["results"] = "my results"
     run.config["materials"] = {"glass": None}
@@ -223,7 +223,7 @@ def test_a_configuration_file_stands_alone(finished, tmp_path):
 
 
 def test_every_job_is_printed_with_its_own_command(tmp_path, root):
-    """A command is remembered between the three times Snakemake asks for it, and not for the next job."""
+    """A command is cached for the three times that Snakemake asks for it, and not for the next job."""
     run = Run(tmp_path, root)
     run.config["sources"]["generated"]["count"] = 3
     done = run("--dry-run", "--printshellcmds")
@@ -278,7 +278,7 @@ def test_a_bad_configuration_is_one_sentence(tmp_path, root, change, sentence):
     ],
 )
 def test_a_file_that_is_no_configuration_is_named(tmp_path, root, content, sentence):
-    """Snakemake itself would end with a traceback, or with words that do not name the file."""
+    """Snakemake itself would end with a traceback, or with a message that does not name the file."""
     run = Run(tmp_path, root)
     run.config = content
     done = run("--dry-run", check=False)

@@ -79,7 +79,7 @@ class Run:
         )
 
     def at_work(self, after: int = 0) -> Callable[[], bool]:
-        """Return what tells whether a job works, ``after`` so many others of this start have begun."""
+        """Return a function that tells whether a job works, once ``after`` others of this start have begun."""
         results = self.folder / self.config["results"]
         before = {file for file, _ in journal.begun(results)}
         seen: set[Path] = set()
@@ -112,9 +112,9 @@ class Run:
 
 
 def kill_when(process: subprocess.Popen, at_work: Callable[[], bool]) -> bool:
-    """Kill a process and its group in a moment in which ``at_work()`` holds; return whether there was one.
+    """Kill a process and its group while ``at_work()`` holds; return whether it ever did.
 
-    The group stands still while it is asked, so that the kill hits what was at work.
+    The group is suspended during the check, so that the kill hits the working job.
     """
     while process.poll() is None:
         if at_work():

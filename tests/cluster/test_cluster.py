@@ -82,8 +82,8 @@ def test_a_chain_through_slurm_in_containers_gives_the_workstations_bytes(cluste
     assert len(set(re.findall(r"SLURM jobid (\d+)", kept(cluster_run)))) == 8
 
 
-def test_runs_with_and_without_images_go_on_from_each_other(images, expected, root, tmp_path):
-    """In images as far as the hollow body, then without; in between, the image's loops prove to be compiled."""
+def test_runs_with_and_without_images_continue_each_other(images, expected, root, tmp_path):
+    """Run in images up to the hollow body, then without; check in between that the image's loops are compiled."""
     run = Run(tmp_path, root, HOLLOW, profile="apptainer")
     run("--until", "hollow")
     (image,) = images.glob("vibraverse-geometry-*.sif")
@@ -139,7 +139,7 @@ def test_a_lost_node_costs_no_run(cluster_run, expected):
 
 @pytest.mark.long
 def test_a_controller_that_is_started_anew_costs_no_run(cluster_run, expected):
-    """Jobs go on meanwhile, and the run asks on."""
+    """Jobs continue meanwhile, and the run keeps asking."""
     process = cluster_run.start(*QUICK)
     wait_for(lambda: running("grids"))
     slurm_script("away")
@@ -157,7 +157,7 @@ def test_a_controller_that_is_started_anew_costs_no_run(cluster_run, expected):
 @pytest.mark.long
 @pytest.mark.parametrize(("number", "end"), [(signal.SIGKILL, "COMPLETED"), (signal.SIGINT, "CANCELLED")])
 def test_a_main_process_that_ends_is_started_again(cluster_run, expected, number, end):
-    """SIGINT cancels the jobs; after SIGKILL they go on, and a new run says so until they are done."""
+    """SIGINT cancels the jobs; after SIGKILL they continue, and a new run reports them until they are done."""
     process = cluster_run.start(*QUICK)
     job = wait_for(lambda: running("tets"))[0]
     call("scontrol", "suspend", job)  # so that it does not end by itself, however slow the machine
@@ -214,7 +214,7 @@ def test_an_array_of_slices_and_its_join_give_the_bytes_of_one_run(slurm, root, 
 
 @pytest.mark.long
 def test_jobs_with_gpus_get_different_ones_and_one_with_two_gets_both(slurm, root, tmp_path, monkeypatch):
-    """A rule of one's own, as docs/gpu.md has it, in the partition with two stand-in devices."""
+    """A user's own rule from docs/gpu.md, in the partition with two stand-in devices."""
     (tmp_path / "bin").mkdir()
     stub(
         tmp_path / "bin",
@@ -244,7 +244,7 @@ def test_jobs_with_gpus_get_different_ones_and_one_with_two_gets_both(slurm, roo
         (["--slurm-status-command", "sacct"], "this cluster keeps no accounts"),
     ],
 )  # fmt: skip
-def test_what_the_cluster_has_not_is_one_sentence_before_any_job(cluster_run, arguments, sentence):
+def test_what_the_cluster_lacks_is_one_sentence_before_any_job(cluster_run, arguments, sentence):
     before = queue("-t", "all", "-o", "%i")
     done = cluster_run(*QUICK, *arguments, check=False)
     (said,) = [line for line in (done.stdout + done.stderr).splitlines() if line.startswith("vibraverse: ")]

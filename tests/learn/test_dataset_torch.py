@@ -1,4 +1,4 @@
-"""The dataset as PyTorch sees it, with workers."""
+"""The dataset in PyTorch, with workers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-# What every rule shares: the plan, the resource classes, the wildcards.
+# Shared by all rules: the plan, the resource classes, the wildcards.
 import sys
 from functools import partial
 
@@ -10,8 +10,8 @@ from vibraverse.contract.products import text_sha256
 from vibraverse.flow.resources import memory, minutes
 from vibraverse.flow.steps import VERSIONS
 
-# Snakemake would merge a file given with --configfile into config.yaml; here it stands alone, so that what
-# `vibraverse config show FILE` says is what runs. Single keys of --config go on top of either.
+# Snakemake would merge a file given with --configfile into config.yaml; here it is the whole configuration, so that the
+# run is what `vibraverse config show FILE` prints. Single keys of --config override either.
 chosen = internals.configuration(workflow, config)
 
 internals.patch_scheduler(workflow)
@@ -21,7 +21,7 @@ if internals.is_main_process(workflow):
 plan = preflight.stop_without(Plan, chosen)
 paths = plan.paths
 
-# The name of an object or a shard that a file is asked for; where the run has none of that name, it ends.
+# Returns the name of the object or shard of a requested file; ends the run if it does not exist.
 known = partial(preflight.stop_without, preflight.known, plan, internals.config_files(workflow))
 
 

@@ -1,5 +1,5 @@
 # One HDF5 shard from the products of its objects.
-# A run that only joins takes the shards as they lie, so it plans no object's jobs.
+# A run that only joins takes the shards as they are, so it plans no jobs of objects.
 
 if not plan.joins:
 

@@ -1,4 +1,4 @@
-# The surface of the body with its inside taken out.
+# The surface of the hollow body.
 
 
 rule hollow:

@@ -1,4 +1,4 @@
-# Tables, card and checksums over all shards of the dataset; here every object gets its split.
+# Tables, card and checksums of the dataset, and the split of every object.
 
 
 rule index:
@@ -30,7 +30,7 @@ rule index:
     params:
         options=plan.options("index"),
         kept=targets.kept_splits_argument(plan),
-        # Written as the run starts; a rule's input would have to be there for `-n`, too.
+        # Written when the run starts; as an input of the rule it would have to exist for `-n`, too.
         resolved=paths.config,
         configuration=text_sha256(plan.configuration()),
         version=VERSIONS["index"],

@@ -1,4 +1,4 @@
-# What a run needs of the machine, asked before its first job. Included last: every rule is known.
+# Checks of the machine before the first job of a run. Included last, so that every rule is known.
 import os
 from collections import Counter
 
@@ -19,18 +19,18 @@ if plan.joins and internals.is_main_process(workflow):
 
 
 def warm_up(jobs):
-    """Keep processes warm for jobs, each a rule's name and its image; those in Conda's environments start cold."""
+    """Start warm processes for jobs, given as rule name and image; jobs in Conda environments start cold."""
     if not internals.in_conda(workflow):
         images = (image if in_containers and image else "" for name, image in jobs if name in VERSIONS)
         keep_warm(Counter(images), internals.apptainer_arguments(workflow))
 
 
-# The Snakemake that a cluster's job starts for a group of ours runs no hooks, and knows its jobs by now.
+# In a cluster job, Snakemake runs no hooks for a group of jobs, but it knows its jobs by now.
 warm_up(internals.jobs_of_a_group(workflow))
 
 
 onstart:
-    # Jobs inherit it, also through Slurm, and write the journal of this run.
+    # Jobs inherit the variable, also through Slurm, and write the journal of this run.
     os.environ[journal.RUN] = str(locks.only_run(paths.results, plan.owned).file)
     preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = internals.waiting_jobs(workflow)

@@ -1,4 +1,4 @@
-# A mesh as it came, with where it came from.
+# A mesh as it came, with its origin.
 
 
 rule sources:

@@ -1,4 +1,4 @@
-# Tetrahedra of the solid or the hollow body, by one path for both.
+# Tetrahedra of the solid or the hollow body, by the same code for both.
 
 
 rule tets:

@@ -1,4 +1,4 @@
-# Meshes of bodies whose frequencies are known, by the path every object takes. Not part of `all`.
+# Meshes of bodies with known frequencies, by the same code as for every object. Not part of `all`.
 
 
 rule validation_meshes:

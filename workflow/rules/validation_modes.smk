@@ -20,7 +20,7 @@ rule validation_modes:
         version=VERSIONS["validation_modes"],
         solver=[VERSIONS[stage] for stage in ("basis", "modes")],
     message:
-        "{wildcards.body}: frequencies beside those it must have"
+        "{wildcards.body}: frequencies against the known ones"
     shell:
         "vibraverse validation_modes "
         "--object {wildcards.body} "

@@ -1,6 +1,6 @@
-"""Snakemake's logger plugin ``vibraverse``: progress in place of five lines a job. What it shows is in ``console``.
+"""Snakemake's logger plugin ``vibraverse``: progress in place of five lines per job; ``console`` holds its output.
 
-Every start of Snakemake imports this, those inside jobs too, so everything else is imported when a run needs it.
+Every start of Snakemake imports this module, also inside jobs, so everything else is imported when a run needs it.
 """
 
 from dataclasses import dataclass, field
@@ -12,7 +12,7 @@ from snakemake_interface_logger_plugins.settings import LogHandlerSettingsBase
 
 @dataclass
 class LogHandlerSettings(LogHandlerSettingsBase):
-    """What a profile or command line sets: ``--logger-vibraverse-seconds``."""
+    """Settings of a profile or command line: ``--logger-vibraverse-seconds``."""
 
     seconds: Optional[int] = field(  # noqa: UP045 - Snakemake knows no other spelling
         default=60, metadata={"help": "Seconds between two lines of progress where no terminal shows bars"}
@@ -20,7 +20,7 @@ class LogHandlerSettings(LogHandlerSettingsBase):
 
 
 class LogHandler(LogHandlerBase):
-    """Shows a run's progress; everything else as Snakemake does."""
+    """The handler that shows a run's progress, and everything else as Snakemake does."""
 
     def __post_init__(self) -> None:
         from vibraverse.machine.console import Console
@@ -28,38 +28,38 @@ class LogHandler(LogHandlerBase):
         self._console = Console(self.common_settings, self.settings.seconds or 60)
 
     def emit(self, record) -> None:
-        """Show a record, at once or as part of the progress."""
+        """Show a log record, at once or as part of the progress."""
         try:
             self._console.take(record)
-        except (OSError, ValueError):  # the terminal is gone, or a product is damaged: not the run's concern
+        except (OSError, ValueError):  # a closed terminal or a damaged product must not stop the run
             self.handleError(record)
 
     def close(self) -> None:
-        """Show what the run made; Snakemake closes a handler twice."""
+        """Print the summary of the run; Snakemake closes a handler twice."""
         self._console.close()
         super().close()
 
     @property
     def writes_to_stream(self) -> bool:
-        """Whether this takes the place of Snakemake's own lines."""
+        """Whether this replaces Snakemake's own output."""
         return True
 
     @property
     def writes_to_file(self) -> bool:
-        """Whether this writes a file: Snakemake's own log keeps everything."""
+        """Whether this writes a file; it does not, because Snakemake's own log keeps everything."""
         return False
 
     @property
     def has_filter(self) -> bool:
-        """Whether this chooses by itself what is shown."""
+        """Whether this filters records by itself."""
         return True
 
     @property
     def has_formatter(self) -> bool:
-        """Whether this writes the lines by itself."""
+        """Whether this formats records by itself."""
         return True
 
     @property
     def needs_rulegraph(self) -> bool:
-        """Whether this wants the graph of rules."""
+        """Whether this needs the graph of rules."""
         return False

@@ -9,7 +9,7 @@ from vibraverse.contract.texts import DEFAULT_CONFIG
 
 
 def run_arguments() -> argparse.ArgumentParser:
-    """Return the arguments by which commands know a run, as a parent of their parsers."""
+    """Return the arguments that name a run, as a parent of the commands' parsers."""
     parser = argparse.ArgumentParser(add_help=False)
     parser.add_argument(
         "--config", metavar="FILE", help=f"configuration of the run (default {DEFAULT_CONFIG})"
@@ -19,7 +19,7 @@ def run_arguments() -> argparse.ArgumentParser:
 
 
 def run_config(chosen: argparse.Namespace):
-    """Return the configuration of the run that was named; raises ``UsageError`` where it is none."""
+    """Return the configuration of the named run; raise ``UsageError`` if it is not valid."""
     from vibraverse.config import load
 
     config = load(chosen.config or DEFAULT_CONFIG)
@@ -27,7 +27,7 @@ def run_config(chosen: argparse.Namespace):
 
 
 def run_paths(chosen: argparse.Namespace):
-    """Return the paths of the run that was named; one whose configuration is not here has its products in results/."""
+    """Return the paths of the named run; without a configuration here, its products are taken to be in results/."""
     from vibraverse.flow.paths import Paths
 
     if chosen.results or not (chosen.config or Path(DEFAULT_CONFIG).is_file()):
@@ -36,7 +36,7 @@ def run_paths(chosen: argparse.Namespace):
 
 
 def run_solidities(chosen: argparse.Namespace) -> tuple[str, ...]:
-    """Return the bodies that the run which was named makes; both where its configuration is not here."""
+    """Return the bodies that the named run makes; both, without a configuration here."""
     from vibraverse.flow.paths import SOLIDITIES
 
     known = chosen.config or Path(DEFAULT_CONFIG).is_file()
@@ -44,7 +44,7 @@ def run_solidities(chosen: argparse.Namespace) -> tuple[str, ...]:
 
 
 def share(text: str) -> float:
-    """Return a share between 0 and 1, as an argument's type."""
+    """Return a share between 0 and 1; the type of an argument."""
     try:
         value = float(text)
     except ValueError:

@@ -1,4 +1,4 @@
-"""``vibraverse check``: whether a dataset is whole: every byte, every field, and the physics of a sample."""
+"""``vibraverse check``: check every byte and every field of a dataset, and the physics of a sample."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ from pathlib import Path
 
 from vibraverse.commands import share
 from vibraverse.contract.errors import UsageError
-from vibraverse.contract.texts import advised
+from vibraverse.contract.texts import advised, and_more
 from vibraverse.flow.paths import Paths
 
-#: Findings printed.
-_SHOWN = 50
+#: Findings that are printed.
+_SHOWN_FINDINGS = 50
 
 
 def main(argv: list[str]) -> int:
-    """Print what is wrong with a dataset, file and object first; return 1 when anything is."""
+    """Print a line per finding, file and object first; return 1 if there are any."""
     parser = argparse.ArgumentParser(
         prog="vibraverse check",
         description="Check a dataset's folder, or one shard: checksums, types, shapes, units and ranges of every "
@@ -38,12 +38,12 @@ def main(argv: list[str]) -> int:
     try:
         for finding in findings(chosen.dataset, chosen.sample):
             wrong += 1
-            if wrong <= _SHOWN:
+            if wrong <= _SHOWN_FINDINGS:
                 print(finding, flush=True)
     except FileNotFoundError as error:
         raise UsageError(str(error)) from None
-    if wrong > _SHOWN:
-        print(f"… and {wrong - _SHOWN} more")
+    for more in and_more(wrong, _SHOWN_FINDINGS):
+        print(more)
     if wrong:
         print(
             f"{chosen.dataset}: {wrong} finding{'s' * (wrong > 1)}; {_repair(chosen.dataset)} says what to make again."
@@ -55,9 +55,9 @@ def main(argv: list[str]) -> int:
 
 
 def _repair(dataset: Path) -> str:
-    """Return the command that looks into the run which made a dataset, or a shard, as far as its place tells."""
+    """Return the repair command for the run that made a dataset or a shard, as far as its path shows the run."""
     folder = dataset.parent.parent if dataset.is_file() else dataset
-    folder = folder if folder.name else folder.resolve()  # one stands in it
+    folder = folder if folder.name else folder.resolve()  # "." has no name
     if Path(Paths(folder.parent).dataset) == folder:
         return advised("repair", results=folder.parent)
     return "`vibraverse repair`, with the --config or --results of the run that made it,"

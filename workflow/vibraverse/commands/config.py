@@ -1,4 +1,4 @@
-"""``vibraverse config``: check a configuration, show it with all defaults, print its JSON schema or its reference."""
+"""``vibraverse config``: check a configuration, show it with all defaults, or print its JSON schema or reference."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def main(argv: list[str]) -> int:
 
 
 def _checked(path: str) -> str:
-    """Return that a run would start with the configuration; looks for its files, not into them."""
+    """Return the sentence that a configuration is valid; checks that its files exist, but does not read them."""
     plan = Plan(load(path))
     part = "" if plan.owned is None else f" in slice {plan.config.slice}"
     return f"{path} is valid and names {counted(len(plan.objects), 'object')}{part}."

@@ -11,8 +11,8 @@ from pathlib import Path
 from vibraverse.contract.errors import UsageError
 from vibraverse.contract.products import aside, storing
 
-#: Numbers of the index that are named where one occurs nowhere.
-_NEAREST = 5
+#: Nearest numbers of a column that a message names for one that occurs in no item.
+_SHOWN_NEAREST = 5
 
 
 def main(argv: list[str]) -> int:
@@ -93,7 +93,7 @@ def _export(chosen) -> None:
 
 @contextmanager
 def _new_folder(final: Path):
-    """Yield a folder beside ``final``; on success it becomes ``final``, on failure it is removed."""
+    """Yield a folder beside ``final``; rename it to ``final`` on success, remove it on failure."""
     partial = aside(final)
     with storing(final):
         try:
@@ -123,7 +123,7 @@ def _conditions(texts: list[str]) -> dict[str, list]:
 
 
 def _check_values(dataset: str, reader, conditions: dict[str, list]) -> None:
-    """Refuse a column of which no value occurs; of one where others do, say which is passed over."""
+    """Raise :class:`UsageError` if no value of a column's condition occurs; warn about single ones that do not."""
     for column, values in conditions.items():
         there = reader.items.values(column)
         absent = [value for value in values if value not in there]
@@ -135,10 +135,10 @@ def _check_values(dataset: str, reader, conditions: dict[str, list]) -> None:
 
 
 def _absent(column: str, value, there: list) -> str:
-    """Return the sentence for a value that no item has in a column, with those that are there, the nearest of many."""
+    """Return the sentence for a value that no item has in a column, with the values that occur or the nearest."""
     from vibraverse.contract.texts import unknown
 
     if isinstance(value, str):
         return unknown(column, value, sorted(filter(None, there)))
-    near = sorted(there, key=lambda other: abs(other - value))[:_NEAREST]
+    near = sorted(there, key=lambda other: abs(other - value))[:_SHOWN_NEAREST]
     return f"{column} is {value} in no item; take one of the nearest values: {', '.join(map(str, near))}"

@@ -1,4 +1,4 @@
-"""``vibraverse gpus``: the GPUs of this machine and who may use them; a command with GPUs of its own."""
+"""``vibraverse gpus``: list the GPUs of this machine, or run a command with GPUs that it has claimed."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vibraverse.machine import gpus
 
 
 def main(argv: list[str]) -> int:
-    """List GPUs, or become a command that has claimed some."""
+    """List GPUs, or claim some and execute a command."""
     parser = argparse.ArgumentParser(
         prog="vibraverse gpus",
         usage="vibraverse gpus [--claim N [--wait S] COMMAND …]",
@@ -41,7 +41,9 @@ def main(argv: list[str]) -> int:
         )
     try:
         with gpus.Claim(chosen.claim, chosen.wait, inherited=True):
-            signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # which Python ignores, and the program would, too
+            signal.signal(
+                signal.SIGPIPE, signal.SIG_DFL
+            )  # Python ignores it, and the program would inherit that
             os.execvp(command[0], command)
     except gpus.NoGPU as missing:
         raise UsageError(str(missing)) from None

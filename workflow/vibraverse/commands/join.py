@@ -1,4 +1,4 @@
-"""``vibraverse join``: one view of several datasets, for instance a workstation's and a cluster's."""
+"""``vibraverse join``: show several datasets as one, for instance a workstation's and a cluster's."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vibraverse.contract.texts import counted
 
 
 def main(argv: list[str]) -> int:
-    """Write the view and say what it holds."""
+    """Write the view and print what it shows."""
     parser = argparse.ArgumentParser(
         prog="vibraverse join",
         description="Write a small HDF5 file that shows the objects of several datasets as one shard. It links to "

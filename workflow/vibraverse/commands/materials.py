@@ -1,4 +1,4 @@
-"""``vibraverse materials``: the table of known materials."""
+"""``vibraverse materials``: print the table of known materials."""
 
 from __future__ import annotations
 

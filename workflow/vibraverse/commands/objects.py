@@ -1,4 +1,4 @@
-"""``vibraverse objects``: which objects a configuration names, or which shape families there are."""
+"""``vibraverse objects``: list the objects of a configuration, or the shape families."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def main(argv: list[str]) -> int:
 
 
 def _size(entry: Entry, default_m: float) -> str:
-    """Return the longest side as the configuration, the family, the bundle or the file states it, else the default."""
+    """Return the longest side that the configuration, the family, the bundle or the file states, else the default."""
     size_m = entry.size_m
     if size_m is None and entry.origin == "generated":
         size_m = drawn(entry.object).size_m

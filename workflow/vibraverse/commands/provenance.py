@@ -1,4 +1,4 @@
-"""``vibraverse provenance``: from a product back to its source, with versions and the commands that make it again."""
+"""``vibraverse provenance``: trace a product back to its source, with versions and the commands that remake it."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from vibraverse.flow.paths import Paths
 from vibraverse.flow.steps import BY_NAME
 from vibraverse.upkeep.lineage import Made, chain, jobs, logged, makers, packed_jobs
 
-#: Objects of a shard whose chains are told without being asked for.
-_SHOWN = 3
+#: Objects of a shard or dataset up to which all chains are printed; with more, --object chooses one.
+_MAX_CHAINS = 3
 
 
 def main(argv: list[str]) -> int:
-    """Print the chain of a product, first things first."""
+    """Print the chain of a product, from the source on."""
     parser = argparse.ArgumentParser(
         prog="vibraverse provenance",
         description="Say where a product comes from: every stage from the source on, with versions, checksums, and the "
@@ -58,19 +58,19 @@ def main(argv: list[str]) -> int:
         print("\n".join([*(made.command() for made in found), *(command for _, command in last)]))
         return 0
     objects = {made.object for made in found}
-    if len(objects) > _SHOWN:
+    if len(objects) > _MAX_CHAINS:
         print(
-            f"# {counted(len(objects), 'object')}, of which --object ID shows one; each is made of its own source."
+            f"# {counted(len(objects), 'object')}, each made from a source of its own; --object ID shows one."
         )
         found = []
     for made in found:
-        print(_told(made))
+        print(_description(made))
     print("\n".join(f"{what}\n    again  {command}" for what, command in last))
     return 0
 
 
 def _instead(folder: Path) -> str:
-    """Return what to name in the place of a folder: a product in it, where it holds one."""
+    """Return the advice for a folder named as a product: a product in it, if it holds one."""
     for pattern in ("[!.]*", "*/[!.]*"):
         for path in folder.glob(pattern):
             with suppress(UsageError):
@@ -80,8 +80,8 @@ def _instead(folder: Path) -> str:
 
 
 def _results_of(file: Path) -> tuple[Paths, tuple[str, ...]]:
-    """Return the results folder that a product lies in, and the parts of its path below that."""
-    if file.parent.name == "shards":  # of a dataset that may have been renamed
+    """Return the results folder of a product, and the parts of its path below that."""
+    if file.parent.name == "shards":  # the dataset's folder may have been renamed
         return Paths(str(file.parent.parent.parent)), ("dataset", "shards", file.name)
     parts = file.parts
     for place in range(len(parts) - 2, -1, -1):
@@ -97,7 +97,7 @@ def _results_of(file: Path) -> tuple[Paths, tuple[str, ...]]:
 def _of_dataset(
     paths: Paths, file: Path, inside: str, only: str | None
 ) -> tuple[list[Made], list[tuple[str, str]]]:
-    """Return the jobs of the objects in a shard or in all shards, and what is done with these: what and command."""
+    """Return the jobs of the objects in a shard or in all shards, and the later jobs as text and command."""
     import h5py
 
     is_shard = inside.startswith("dataset/shards/")
@@ -130,7 +130,7 @@ def _of_dataset(
 
 
 def _after_shards(paths: Paths, shards: list[Path], file: Path, inside: str) -> list[tuple[str, str]]:
-    """Return the jobs that made what is made of all shards."""
+    """Return the jobs that made the products of all shards, as text and command."""
     record = Path(paths.dataset_record)
     made = products.read_provenance(record)
     words = ["index", "--shards", *shards]
@@ -169,8 +169,8 @@ def _versions(provenance: dict) -> str:
     )
 
 
-def _told(made: Made) -> str:
-    """Return what there is to say of a job: versions, inputs and outputs with their checksums, and its command."""
+def _description(made: Made) -> str:
+    """Return a job as text: versions, inputs with their checksums, outputs, and its command."""
     refusal = None if made.stated else read_refusal(made.record)
     if refusal is not None:
         return f"{made}: refused at {refusal.stage}: {refusal.message}"
@@ -185,12 +185,13 @@ def _told(made: Made) -> str:
     stated = made.provenance.get("input_sha256", {})
     for name, digest in stated.items():
         path = made.input(name) if name in made.step.chained else None
-        lines.append(f"    from   {path or name}  {digest[:16]}{_since(path, digest)}")
+        lines.append(f"    from   {path or name}  {digest[:16]}{_change(path, digest)}")
     lines += [f"    makes  {path}" for path in made.outputs]
     return "\n".join([*lines, f"    again  {made.command()}"])
 
 
-def _since(path: Path | None, digest: str) -> str:
+def _change(path: Path | None, digest: str) -> str:
+    """Return how an input differs from its stated checksum, to follow it in a line; "" if it does not."""
     if path is None:
         return ""
     if not path.is_file():
@@ -199,7 +200,7 @@ def _since(path: Path | None, digest: str) -> str:
 
 
 def _source(record: dict) -> str:
-    """Return where a mesh came from, by the record of ``sources``."""
+    """Return the origin of a mesh from the record of ``sources``."""
     known = (record.get(key) for key in ("origin", "file", "url", "uid", "attribution"))
     return ", ".join(
         [*dict.fromkeys(str(value) for value in known if value), f"licence {record.get('licence')}"]

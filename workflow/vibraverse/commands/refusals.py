@@ -1,4 +1,4 @@
-"""``vibraverse refusals``: what was refused and why, and making it run again."""
+"""``vibraverse refusals``: list what was refused and why, and retry it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
 from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import REASONS, read_refusal
-from vibraverse.contract.texts import counted
+from vibraverse.contract.texts import and_more, counted
 from vibraverse.dataset.schema import REFUSAL_COLUMNS
 from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.flow.chain import Refusals, objects_in, refusals_of
@@ -20,12 +20,12 @@ from vibraverse.machine import locks
 from vibraverse.upkeep.lineage import jobs
 from vibraverse.upkeep.rebuild import in_order
 
-#: Refusals of one reason that a listing shows.
-_SHOWN = 20
+#: Refusals that a listing shows per reason.
+_SHOWN_REFUSALS = 20
 
 
 def main(argv: list[str]) -> int:
-    """List the refusals; with ``--retry`` delete them, with ``--check`` judge their share."""
+    """List the refusals; with ``--retry`` delete them, with ``--check`` compare their share with a limit."""
     parser = argparse.ArgumentParser(
         prog="vibraverse refusals",
         parents=[run_arguments()],
@@ -95,9 +95,9 @@ def main(argv: list[str]) -> int:
 
 @dataclass(frozen=True)
 class State:
-    """How many objects there are, of how many nothing is left, and the rows of ``refusals.tsv``.
+    """The number of objects, the number wholly refused, and the rows of ``refusals.tsv``.
 
-    ``warnings`` are counted by kind, where a finished dataset says them.
+    ``warnings`` counts warnings by kind, if a finished dataset states them.
     """
 
     objects: int
@@ -107,7 +107,7 @@ class State:
 
     @property
     def share(self) -> float:
-        """Share of the objects of which nothing is left."""
+        """Share of the objects that are wholly refused."""
         return self.refused / self.objects if self.objects else 0.0
 
     def by_reason(self) -> dict[str, list[dict]]:
@@ -124,20 +124,20 @@ def listing(state: State) -> str:
     lines = [f"{state.refused} of {state.objects} objects refused, {partly} more in part."]
     for reason, rows in state.by_reason().items():
         lines += ["", f"{reason} ({len(rows)}): {REASONS[reason]}"]
-        for row in rows[:_SHOWN]:
+        for row in rows[:_SHOWN_REFUSALS]:
             name = f"{row['object']} ({row['solidity']})" if row["solidity"] else row["object"]
             lines.append(f"  {name}, at {row['stage']}: {row['message']}")
             lines += [f"      {row['advice']}"] if row["advice"] else []
-        if len(rows) > _SHOWN:
-            lines.append(f"  … and {len(rows) - _SHOWN} more; dataset/refusals.tsv lists all")
+        more = and_more(len(rows), _SHOWN_REFUSALS)
+        lines += [f"  {words}; dataset/refusals.tsv lists all" for words in more]
     if state.warnings:
-        told = ", ".join(f"{kind.replace('_', ' ')} ({count})" for kind, count in state.warnings.items())
-        lines += ["", f"Warnings: {told}; the report lists them."]
+        kinds = ", ".join(f"{kind.replace('_', ' ')} ({count})" for kind, count in state.warnings.items())
+        lines += ["", f"Warnings: {kinds}; the report lists them."]
     return "\n".join(lines) + "\n"
 
 
 def _recorded(record: Path) -> State:
-    """Return the state a finished dataset states, in ``dataset.json`` and the table beside it."""
+    """Return the state from a finished dataset: its ``dataset.json`` and the table beside it."""
     table = record.with_name("refusals.tsv")
     for path in (record, table):
         missing = "so the dataset is not finished: finish the run first"
@@ -157,13 +157,13 @@ def _scan(paths: Paths, objects: list[str] | None, solidities) -> dict[str, Refu
             f"{paths.results}/objects holds no objects; give the results folder of a run with --results"
         )
     for object_id in objects or ():
-        _known(object_id, existing, "object")
+        _check_known(object_id, existing, "object")
     return {object_id: refusals_of(paths, object_id, solidities) for object_id in objects or existing}
 
 
 def _retry(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> int:
     for name in asked:
-        _known(name, [*REASONS, *found], "reason or object")
+        _check_known(name, [*REASONS, *found], "reason or object")
     with locks.only_run(paths.results):
         _delete(paths, found, asked)
     return 0
@@ -188,7 +188,7 @@ def _delete(paths: Paths, found: dict[str, Refusals], asked: list[str]) -> None:
         print("Nothing to retry.")
 
 
-def _known(name: str, known: list[str], kind: str) -> None:
+def _check_known(name: str, known: list[str], kind: str) -> None:
     if name not in known:
         from vibraverse.contract.texts import unknown
 

@@ -1,4 +1,4 @@
-"""``vibraverse repair``: which products must be made again, and deleting them so that the next run does."""
+"""``vibraverse repair``: find products that must be made again, and delete them so that the next run makes them."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from pathlib import Path
 from vibraverse.commands import run_arguments, run_paths
 from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
-from vibraverse.contract.texts import advised, counted
+from vibraverse.contract.texts import advised, and_more, counted
 from vibraverse.flow.chain import objects_in, shards_in
 from vibraverse.flow.paths import Paths
 from vibraverse.machine import locks
 from vibraverse.upkeep.rebuild import in_order, packed_products, wrong_dataset, wrong_products
 
 #: Wrong products that are printed.
-_SHOWN = 50
+_SHOWN_PRODUCTS = 50
 
 
 def main(argv: list[str]) -> int:
-    """Print the wrong products; with ``--delete`` delete them. Return 1 when something wrong was left."""
+    """Print the wrong products; with ``--delete`` delete them. Return 1 if something wrong is left."""
     parser = argparse.ArgumentParser(
         prog="vibraverse repair",
         parents=[run_arguments()],
@@ -38,16 +38,16 @@ def main(argv: list[str]) -> int:
         )
     with locks.only_run(paths.results) if chosen.delete else nullcontext():
         again = advised("repair", "--delete", config=chosen.config, results=chosen.results)
-        return _repaired(paths, objects, has_dataset, chosen.delete, again)
+        return _repair(paths, objects, has_dataset, chosen.delete, again)
 
 
-def _repaired(paths: Paths, objects: list[str], has_dataset: bool, delete: bool, again: str) -> int:
+def _repair(paths: Paths, objects: list[str], has_dataset: bool, delete: bool, again: str) -> int:
     found = _wrong(paths, objects, has_dataset)
-    for wrong in found[:_SHOWN]:
+    for wrong in found[:_SHOWN_PRODUCTS]:
         by = f"\n    made by {wrong.by}, with {counted(len(wrong.anew), 'product')}" if wrong.by else ""
         print(f"{wrong.path}: {wrong.sentence}{by}")
-    if len(found) > _SHOWN:
-        print(f"… and {len(found) - _SHOWN} more")
+    for more in and_more(len(found), _SHOWN_PRODUCTS):
+        print(more)
     if not found:
         print("Nothing is wrong: every product is what later ones were made from.")
         return 0

@@ -1,4 +1,4 @@
-"""``vibraverse resources``: memory, time and group sizes for each rule, from the journal of its jobs."""
+"""``vibraverse resources``: suggest memory, time and group sizes for each rule, from the journal of its jobs."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vibraverse.upkeep import measured
 
 
 def main(argv: list[str]) -> int:
-    """Print a table, how memory grows with the unknowns, and the lines for a profile."""
+    """Print the suggestions, the growth of memory with the unknowns, and the lines for a profile."""
     parser = argparse.ArgumentParser(
         prog="vibraverse resources",
         parents=[run_arguments()],
@@ -59,7 +59,7 @@ def table(suggestions: dict[str, measured.Suggestion]) -> str:
 
 
 def snippet(suggestions: dict[str, measured.Suggestion]) -> str:
-    """Return the suggestions as ``set-resources`` of a profile, each attempt with twice the memory and more time."""
+    """Return the suggestions as ``set-resources`` of a profile; each retry gets twice the memory and more time."""
     lines = ["set-resources:"]
     for rule, one in sorted(suggestions.items()):
         lines.append(

@@ -1,4 +1,4 @@
-"""``vibraverse status``: how far a run is, what works now, what was refused, and how long the rest takes."""
+"""``vibraverse status``: show the progress of a run, its running jobs, its refusals and the time left."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import time
 from collections import Counter
 
 from vibraverse.commands import run_arguments, run_config
-from vibraverse.contract.texts import counted
+from vibraverse.contract.texts import and_more, counted, duration
 from vibraverse.flow.plan import Plan
 from vibraverse.machine.locks import ending
 from vibraverse.upkeep.progress import Survey, Work, mean_seconds, seconds_left, survey
 
-#: Running jobs, and stopped ones, whose logs are named.
-_SHOWN = 5
+#: Running jobs whose logs are named, and as many stopped ones.
+_SHOWN_JOBS = 5
 
 
 def main(argv: list[str]) -> int:
@@ -23,8 +23,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="vibraverse status",
         parents=[run_arguments()],
-        description="Say how far a run is, by the products that there are. What is out of date, and why, "
-        "`snakemake -n` tells.",
+        description="Show how far a run is, by the products that exist. `snakemake -n` tells which are stale, and why.",
     )
     chosen = parser.parse_args(argv)
     plan = Plan(run_config(chosen))
@@ -38,7 +37,7 @@ def main(argv: list[str]) -> int:
 
 
 def _objects(plan: Plan, found: Survey) -> str:
-    """Return the counts of the objects, and of the refusals by stage and reason."""
+    """Return the counts of objects by state, and of refusals by stage and reason."""
     counts = found.objects
     lines = [
         f"{counted(len(plan.objects), 'object')}: {counts['done']} done, {counts['begun']} begun, "
@@ -58,7 +57,7 @@ def _objects(plan: Plan, found: Survey) -> str:
 
 
 def _refused(found: Survey) -> str:
-    """Return how the refusals, which may be of a body or of an object, make up the refused objects."""
+    """Return how many objects are refused as a whole and how many in part."""
     whole, parts = found.objects["refused"], []
     if whole:
         singly = f" ({found.body_by_body} of them body by body)" if found.body_by_body else ""
@@ -82,30 +81,30 @@ def _stages(found: Survey, means: dict[str, float]) -> str:
     if found.works:
         lines.append("running, the longest first:")
         works = sorted(found.works, key=lambda work: work.worker.begun)
-        lines += [_work(work, means) for work in works[:_SHOWN]]
-        lines += [f"    … and {len(works) - _SHOWN} more"] if len(works) > _SHOWN else []
+        lines += [_work(work, means) for work in works[:_SHOWN_JOBS]]
+        lines += [f"    {more}" for more in and_more(len(works), _SHOWN_JOBS)]
     if found.stopped:
         lines.append("stopped, or failed; the next run begins them anew:")
-        lines += [f"    {log}" for log in found.stopped[:_SHOWN]]
-        lines += [f"    … and {len(found.stopped) - _SHOWN} more"] if len(found.stopped) > _SHOWN else []
+        stopped = [*found.stopped[:_SHOWN_JOBS], *and_more(len(found.stopped), _SHOWN_JOBS)]
+        lines += [f"    {line}" for line in stopped]
     return "\n".join(lines)
 
 
 def _work(work: Work, means: dict[str, float]) -> str:
-    """Return the line of a job that runs: since when, how long jobs of its stage take, its log."""
+    """Return the line of a running job: its start, its time so far and on average, its log."""
     worker = work.worker
     begun = time.localtime(worker.begun)
     today = begun[:3] == time.localtime()[:3]
     since = time.strftime("%H:%M" if today else "%Y-%m-%d %H:%M", begun)
-    mean = f", {_time(means[worker.stage])} on average" if worker.stage in means else ""
+    mean = f", {duration(means[worker.stage])} on average" if worker.stage in means else ""
     where = "" if worker.is_here else f", on {worker.host}"
     where = f", {worker} of a run that is gone" if work.orphaned else where
-    lasts = _time(max(0.0, time.time() - worker.begun))
+    lasts = duration(time.time() - worker.begun)
     return f"    {worker.stage} since {since} ({lasts}{mean}){where}: {work.log}"
 
 
 def _dataset(plan: Plan) -> str:
-    """Return which of the last products there are."""
+    """Return which of the last products exist."""
     paths = plan.paths
     shards = [paths.at(paths.shard, shard=shard) for shard in plan.shards]
     there = sum(os.path.isfile(shard) for shard in shards)
@@ -117,7 +116,7 @@ def _dataset(plan: Plan) -> str:
 
 
 def _rest(found: Survey, means: dict[str, float]) -> str:
-    """Return how long the rest takes, by the mean times of the jobs so far."""
+    """Return the time left, from the mean times of the jobs so far."""
     state = "No run works."
     if found.runs:
         runs = "A run works" if found.runs == 1 else f"{found.runs} runs work"
@@ -135,21 +134,13 @@ def _rest(found: Survey, means: dict[str, float]) -> str:
     if not any(count and stage in means for stage, count in found.left().items()):
         which = f" of {', '.join(unknown)}" if means else ""
         return f"{state} No job{which} has ended yet, so the time left is not known."
-    text = f"{state} Left: {_time(seconds)} for one job at a time"
+    text = f"{state} Left: {duration(seconds)} for one job at a time"
     if found.running > 1:
-        text += f", {_time(seconds / found.running)} for {found.running}"
+        text += f", {duration(seconds / found.running)} for {found.running}"
     outlast = sum(
         time.time() - work.worker.begun > means.get(work.worker.stage, math.inf) for work in found.works
     )
     if outlast:
         take = "takes" if outlast == 1 else "take"
         text += f"; more, because {counted(outlast, 'job')} already {take} longer than on average"
-    return text + (f"; without {', '.join(unknown)}, of which none has ended yet." if unknown else ".")
-
-
-def _time(seconds: float) -> str:
-    """Return a time with two units at most: ``2 d 3 h``, ``5 min``."""
-    for unit, length, smaller, part in (("d", 86400, "h", 3600), ("h", 3600, "min", 60)):
-        if seconds >= length:
-            return f"{int(seconds // length)} {unit} {int(seconds % length // part)} {smaller}"
-    return f"{seconds / 60:.0f} min" if seconds >= 60 else f"{seconds:.0f} s"
+    return text + (f"; not counting {', '.join(unknown)}, where no job has ended yet." if unknown else ".")

@@ -1,6 +1,6 @@
-"""``vibraverse strike``: hear a mesh, from a file to its impact sound in one go.
+"""``vibraverse strike``: hear a mesh, from a file to its impact sound in one command.
 
-Strike runs the workflow's own stages, one after the other, in a temporary folder, so its numbers are those of the
+Strike runs the workflow's own stages one after the other in a temporary folder. So its numbers equal those of the
 workflow for the same mesh and material.
 """
 
@@ -35,6 +35,7 @@ from vibraverse.machine.threads import set_threads
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.upkeep.lineage import Made, needed
 
+#: Material parameters and the arguments that override them.
 _OVERRIDES = {
     "density_kg_m3": "rho",
     "young_pa": "young",
@@ -42,7 +43,7 @@ _OVERRIDES = {
     "alpha_per_s": "alpha",
     "beta_s": "beta",
 }
-#: Configuration keys and the options that set them, for sentences about mistakes.
+#: Configuration keys and the options that set them, for messages about mistakes.
 _FLAGS = {
     "size_m": "--size",
     "modes": "--modes",
@@ -117,7 +118,7 @@ def parser() -> argparse.ArgumentParser:
 
 
 def main(argv: list[str]) -> int:
-    """Run the command; exit status 0, or 2 with one sentence when the input cannot be used."""
+    """Run the command; return 0, or 2 after one sentence if the mesh is refused."""
     arguments = parser().parse_args(_with_negative_point(argv))
     plan = _Strike(arguments)
     set_threads(arguments.threads)
@@ -141,12 +142,12 @@ def main(argv: list[str]) -> int:
         print(json.dumps(facts, indent=2, ensure_ascii=False))
     elif arguments.json:
         products.write_json(arguments.json, facts)
-    _tell(facts, plan.output, sys.stderr if arguments.json == "-" else sys.stdout)
+    _print_facts(facts, plan.output, sys.stderr if arguments.json == "-" else sys.stdout)
     return 0
 
 
 class _Strike:
-    """The validated request: everything wrong with it is said here, before anything is computed."""
+    """The validated request; raises :class:`UsageError` before anything is computed."""
 
     def __init__(self, arguments: argparse.Namespace):
         self.mesh: Path = arguments.mesh
@@ -218,7 +219,7 @@ class _Strike:
         return x, y, z
 
     def _points(self, clean: dict) -> list[list[float]]:
-        """Return the struck point, if there is one, in the normalised coordinates of the cleaned mesh."""
+        """Return the requested struck point in the normalised coordinates of the cleaned mesh; [] without one."""
         if self.point is None:
             return []
         point = [(x - c) * clean["scale"] for x, c in zip(self.point, clean["centre"], strict=True)]
@@ -231,7 +232,7 @@ class _Strike:
         return [point]
 
     def run(self, folder: Path) -> tuple[dict, Path]:
-        """Run in ``folder`` the stages that a sound of the body needs; return the facts and the path of the sound."""
+        """Run the stages that a sound of the body needs in ``folder``; return the facts and the path of the sound."""
         paths, name = Paths(folder), self.material_name
         clean: dict = {}
         for made in needed(paths, self.object, self.solidity, "audio"):
@@ -242,7 +243,7 @@ class _Strike:
             self._stage(made)
             if made.step.name == "clean":
                 clean = made.content
-                self._points(clean)  # says at once that the point is not on the mesh
+                self._points(clean)  # fails early if the point is not on the mesh
 
         def at(pattern: str) -> Path:
             return Path(paths.at(pattern, object=self.object, solidity=self.solidity, material=name))
@@ -253,7 +254,7 @@ class _Strike:
         )
 
     def _stage(self, made: Made) -> None:
-        """Run one stage quietly; a refusal and a failure are raised."""
+        """Run one stage without its output; raise its refusal as :class:`Refused`."""
         step = made.step
         if sys.stderr.isatty():
             print(f"\r\033[K{step.name} …", end="", file=sys.stderr, flush=True)
@@ -339,7 +340,7 @@ class _Strike:
 
 
 def _with_negative_point(argv: list[str]) -> list[str]:
-    """Return the arguments with ``--at -1,0,0`` as ``--at=-1,0,0``; argparse takes the former for an option."""
+    """Return the arguments with ``--at -1,0,0`` as ``--at=-1,0,0``, because argparse takes ``-1,0,0`` for an option."""
     joined = list(argv)
     for i, argument in enumerate(argv[:-1]):
         if argument == "--at":
@@ -349,18 +350,18 @@ def _with_negative_point(argv: list[str]) -> list[str]:
 
 
 def _as_flags(error: ConfigError) -> str:
-    """Return mistakes in configuration keys as those in the options that set them."""
+    """Return the text of mistakes in configuration keys, in terms of the options that set them."""
     return str(ConfigError(*map(_as_flag, error.mistakes), subject="the command"))
 
 
 def _as_flag(sentence: str) -> str:
-    """Return a sentence about a configuration key as one about the option that set it."""
+    """Return a sentence about a configuration key as one about the option that sets it."""
     key, _, rest = sentence.partition(" ")
     return f"{_FLAGS.get(key.rstrip(':'), key)} {rest}"
 
 
-def _tell(facts: dict, output: Path, stream) -> None:
-    """Print what a person wants to know."""
+def _print_facts(facts: dict, output: Path, stream) -> None:
+    """Print a summary of the facts."""
     first = ", ".join(f"{f:.1f}" for f in facts["frequencies_hz"][:5])
     print(
         f"{facts['mesh']}: {facts['solidity']} {facts['material']}, longest side {facts['size_m']:g} m, "

@@ -1,7 +1,7 @@
-"""``vibraverse submit``: slices of a run as one Slurm array job, and a job that joins what they made.
+"""``vibraverse submit``: submit slices of a run as one Slurm array job, and a job that joins their shards.
 
-Each element of the array is an ordinary run of one slice on its node, with as many jobs at once as it has cores. So
-Slurm sees a few long jobs instead of hundreds of thousands of short ones, and no process has to watch them.
+Each element of the array is an ordinary run of one slice on its node, with as many parallel jobs as it has cores. So
+Slurm gets a few long jobs instead of hundreds of thousands of short ones, and no process has to monitor them.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from vibraverse.flow.resources import CLASSES
 from vibraverse.machine import containers, preflight, slurm
 from vibraverse.machine.containers import PROJECT
 
-#: MB that Snakemake itself and the warm process take beside the jobs, with some room: a slice of 1,000 objects takes a
-#: third of a gigabyte, the process two thirds.
+#: Memory in MB for Snakemake itself and the warm process, with a margin: a slice of 1,000 objects takes a third of a
+#: gigabyte, the warm process two thirds.
 SNAKEMAKE_MB = 1500
-#: MB for each core, where nothing else is asked for.
+#: Default memory in MB per core.
 CORE_MB = 4000
-#: MB of the job that joins.
+#: Memory in MB of the job that joins.
 JOIN_MB = CLASSES["collect"][0] + SNAKEMAKE_MB
-#: What is the user's among the variables that tell Slurm's commands what to do; Slurm sets the others inside a job.
-_KEPT = ("SLURM_CONF", "SLURM_CLUSTERS", "SLURM_JWT")
-#: Options of sbatch that have options here, and the user's defaults for them. The script states them, since sbatch
-#: would rather follow the variables than the script.
-_DEFAULTS = {
+#: Variables of Slurm's commands that the user sets; Slurm sets the others inside a job.
+_USER_VARIABLES = ("SLURM_CONF", "SLURM_CLUSTERS", "SLURM_JWT")
+#: Options of sbatch that this command also has, and the variables with their defaults. This command passes on what they
+#: say in the script, because sbatch gives the variables precedence over the script.
+_SBATCH_VARIABLES = {
     "partition": "SBATCH_PARTITION",
     "account": "SBATCH_ACCOUNT",
     "qos": "SBATCH_QOS",
@@ -78,7 +78,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="TIME",
         help="time of each, as sbatch takes it (default: SBATCH_TIMELIMIT, else the partition's)",
     )
-    p.set_defaults(**{option: os.environ.get(variable) for option, variable in _DEFAULTS.items()})
+    p.set_defaults(**{option: os.environ.get(variable) for option, variable in _SBATCH_VARIABLES.items()})
     p.add_argument("--at-most", type=int, metavar="N", help="elements that run at once (default: all)")
     p.add_argument("--sbatch", default="", metavar="OPTIONS", help="more options of sbatch, as one word")
     p.add_argument("--dry-run", action="store_true", help="print the scripts, submit nothing")
@@ -95,10 +95,10 @@ def main(argv: list[str]) -> int:
     if chosen.dry_run:
         print(slices, join, sep="\n", end="")
         return 0
-    _ready(chosen)
+    _check_slurm(chosen)
     logs.mkdir(parents=True, exist_ok=True)
     array = _sbatch(slices)
-    # After any end: where slices failed, the join says which shards are missing.
+    # afterany: if slices failed, the join names the missing shards.
     try:
         last = _sbatch(join, f"--dependency=afterany:{array}")
     except UsageError as error:
@@ -141,7 +141,7 @@ def _script(
     key: str,
 ) -> str:
     asked = [f"--job-name={name}", *options, "--ntasks=1", f"--cpus-per-task={cores}", f"--mem={memory_mb}"]
-    asked += [f"--{option}={value}" for option in _DEFAULTS if (value := getattr(chosen, option))]
+    asked += [f"--{option}={value}" for option in _SBATCH_VARIABLES if (value := getattr(chosen, option))]
     command = [
         sys.executable, "-m", "snakemake", "--snakefile", str(PROJECT / "Snakefile"),
         "--workflow-profile", str(chosen.profile.absolute()), "--configfile", str(Path(chosen.configfile).absolute()),
@@ -159,13 +159,13 @@ def _script(
 
 
 def _memory_mb(chosen: argparse.Namespace) -> int:
-    """Return the memory of an element: enough for its cores, and for the largest job."""
+    """Return the memory in MB of an array element: enough for its cores and for the largest job."""
     largest = max(memory for memory, _ in CLASSES.values())
     return chosen.mem_mb or max(CORE_MB * chosen.cores, largest) + SNAKEMAKE_MB
 
 
 def _checked(chosen: argparse.Namespace):
-    """Return the configuration; whatever is wrong with the request is said here."""
+    """Return the configuration; raise :class:`UsageError` if the request is wrong."""
     for option in ("slices", "cores", "at_most"):
         value = getattr(chosen, option)
         if value is not None and value < 1:
@@ -196,12 +196,12 @@ def _checked(chosen: argparse.Namespace):
     return config
 
 
-def _ready(chosen: argparse.Namespace) -> None:
-    """Check that Slurm has what is asked for, and that no earlier run works here."""
+def _check_slurm(chosen: argparse.Namespace) -> None:
+    """Check that Slurm has the requested resources, and that no earlier run works here."""
     try:
         there, default = slurm.partitions()
         slurm.no_earlier_jobs(Path.cwd())
-        if _in_containers(chosen) and containers.binary():  # else each slice asks, on its node
+        if _in_containers(chosen) and containers.binary():  # without it, each slice checks on its node
             preflight.images([image for family in containers.FAMILIES if (image := containers.image(family))])
     except preflight.NotThere as missing:
         raise UsageError(str(missing)) from None
@@ -225,7 +225,7 @@ def _ready(chosen: argparse.Namespace) -> None:
 
 
 def _in_containers(chosen: argparse.Namespace) -> bool:
-    """Whether the profile has jobs run in images."""
+    """Return whether the profile runs jobs in images."""
     profile = yaml.safe_load((chosen.profile / "config.yaml").read_text(encoding="utf-8")) or {}
     asked = profile.get("software-deployment-method", profile.get("sdm", []))
     return "apptainer" in ([asked] if isinstance(asked, str) else asked)
@@ -233,11 +233,11 @@ def _in_containers(chosen: argparse.Namespace) -> bool:
 
 def _sbatch(script: str, *options: str) -> str:
     """Submit a script; return the job's id."""
-    # A run inside another job must not hand that job's settings down; the user's own SBATCH_* are in the script.
+    # Inside another job, that job's settings must not be inherited; the user's own SBATCH_* are in the script.
     environment = {
         key: value
         for key, value in os.environ.items()
-        if key in _KEPT or not key.startswith(("SLURM_", "SBATCH_"))
+        if key in _USER_VARIABLES or not key.startswith(("SLURM_", "SBATCH_"))
     }
     done = subprocess.run(
         ["sbatch", "--parsable", *options], input=script, capture_output=True, text=True, env=environment

@@ -1,4 +1,4 @@
-"""``vibraverse validation``: what the physics was held against, and whether it stood."""
+"""``vibraverse validation``: show the computed frequencies of known bodies against their references."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vibraverse.flow.paths import Paths
 
 
 def main(argv: list[str]) -> int:
-    """Print a line for each body and order, then what is missed; exit 1 when anything is."""
+    """Print a line for each body and order, then the missed tolerances; return 1 if there are any."""
     parser = argparse.ArgumentParser(
         prog="vibraverse validation",
         description="Show how near the computed frequencies of known bodies are; exit 1 when a tolerance is missed. "
@@ -39,7 +39,7 @@ def main(argv: list[str]) -> int:
 
 
 def listing(record: dict) -> str:
-    """Return the outcome as text."""
+    """Return the comparison as text."""
     lines = [f"{'body':17}{'elements':14}{'frequencies':>11}{'largest error':>15}{'accepted':>10}  against"]
     for body in record["bodies"].values():
         for line in body["summary"]:

@@ -2,7 +2,7 @@
 
 :class:`Refused`: the object cannot be processed; a record, exit status 0. :class:`UsageError`: the request is wrong;
 one sentence, exit status 2, nothing written. :class:`NotStored` and :class:`NotThere`: the machine failed; one
-sentence, exit status 1, and a cluster retries. :data:`PROGRAMMING` lists errors in our code, which keep their traceback.
+sentence, exit status 1, and a cluster retries. :data:`PROGRAMMING` lists errors in code, which keep their traceback.
 """
 
 from __future__ import annotations

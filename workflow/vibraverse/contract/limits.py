@@ -231,8 +231,8 @@ def limited_memory(memory_mb: int, what: str, key: str) -> Iterator[None]:
 def keep_memory() -> None:
     """Let this process reuse the memory that it frees.
 
-    Solvers allocate and free arrays of tens of megabytes hundreds of times. By default glibc returns each to the kernel,
-    which clears the pages for the next one: a fifth of the time of an eigensolve. Without glibc, nothing happens.
+    Solvers allocate and free arrays of tens of megabytes hundreds of times. By default glibc returns each to the
+    kernel, which clears the pages for the next one: a fifth of the time of an eigensolve. Does nothing without glibc.
     """
     import ctypes
 

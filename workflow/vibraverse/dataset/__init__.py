@@ -19,7 +19,7 @@ def open(path, fields=None, look: str = "clay") -> Reader:
     """Open a dataset's folder (``results/dataset``), one shard, or a view of several datasets (``vibraverse join``).
 
     Returns a :class:`~vibraverse.dataset.read.reader.Reader`.
-    ``fields`` names what a sample holds (see ``docs/dataset.md``; ``look`` chooses its pictures).
+    ``fields`` names the fields of a sample (see ``docs/dataset.md``); ``look`` chooses its pictures.
     """
     from vibraverse.dataset.read.reader import DEFAULT_FIELDS, Reader
 
@@ -32,7 +32,7 @@ def fresh_materials(
     """Return the bodies of a dataset with materials and sizes drawn anew in every epoch, and exact labels.
 
     ``settings`` are the arguments of :class:`~vibraverse.dataset.read.fresh.FreshItems` (``ranges``,
-    ``size_m``, ``seed``, ``bases``), ``conditions`` columns of the index. Needs SciPy beside NumPy and h5py.
+    ``size_m``, ``seed``, ``bases``), ``conditions`` columns of the index. Needs SciPy besides NumPy and h5py.
     """
     from vibraverse.dataset.read.fresh import FreshItems
 
@@ -47,7 +47,7 @@ def torch_dataset(
     An item is a dictionary: arrays become tensors, texts stay texts. ``conditions`` narrow the items by columns of
     the index: ``torch_dataset("results/dataset", fields=["frequencies_hz", "views"], split="train")``.
     ``transform`` is applied to every item. ``fresh`` (True, or the settings of :func:`fresh_materials`) draws material
-    and size of every item anew after each ``set_epoch``. Needs torch, which nothing else of the dataset does.
+    and size of every item anew after each ``set_epoch``. Only this function needs torch.
     """
     try:
         from vibraverse.dataset.read.pytorch import TorchDataset

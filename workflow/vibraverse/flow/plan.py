@@ -74,8 +74,8 @@ class Plan:
         if most > MAX_SHARD_OBJECTS:
             raise ConfigError(
                 f"dataset.shards: {self.config.dataset.shards} files for {objects:,} objects put {most:,} into one, "
-                f"and {MAX_SHARD_OBJECTS:,} are the most; set it to {-(-objects // GOOD_SHARD_OBJECTS)} or so: a file is "
-                f"written as a whole, and some {GOOD_SHARD_OBJECTS} objects are a good size"
+                f"and {MAX_SHARD_OBJECTS:,} are the most; set it to {-(-objects // GOOD_SHARD_OBJECTS)} or so: a file "
+                f"is written as a whole, and some {GOOD_SHARD_OBJECTS} objects are a good size"
             )
 
     def shard_of(self, object_: str) -> str:

@@ -310,8 +310,8 @@ class _PatientChecks:
             if id(job) in lost:
                 executor.report_job_error(
                     job,
-                    msg=f"Slurm has lost job {job.external_jobid}: {MAX_MISSING_ANSWERS} answers in a row and the queue "
-                    "do not list it, so that its end is not known. ",
+                    msg=f"Slurm has lost job {job.external_jobid}: {MAX_MISSING_ANSWERS} answers in a row and the "
+                    "queue do not list it, so that its end is not known. ",
                 )
             else:
                 yield job

@@ -1,1 +1,1 @@
-"""The page people open."""
+"""The report: a page that shows the dataset and plays its sounds."""

@@ -1,6 +1,6 @@
-"""What the page shows of each object, and the pictures and sounds that go with it.
+"""The content of the page for each object, with its pictures and sounds.
 
-A ring time is the time in which a mode falls by 60 dB: ``ln(1000) / d`` for the decay rate ``d``.
+A ring time is the time in which a mode decays by 60 dB: ``ln(1000) / d`` for the decay rate ``d``.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from vibraverse.config.media import split_sound
 from vibraverse.dataset.read.reader import Reader
 from vibraverse.media.spectrogram import FLOOR_DB, mel, mel_levels
 
-_RING = math.log(1000.0)
+#: Ring time times decay rate.
+_LN_60_DB = math.log(1000.0)
 #: Frequencies marked on a spectrogram.
 _MARKS_HZ = {1_000: "1 k", 4_000: "4 k", 16_000: "16 k"}
 
@@ -27,8 +28,8 @@ _MARKS_HZ = {1_000: "1 k", 4_000: "4 k", 16_000: "16 k"}
 class Card:
     """One object on the page.
 
-    ``facts`` are texts of the source, ``pictures`` file names by look, ``bodies`` size and mesh by solidity (absent
-    when refused), ``refused`` the refusals by solidity, ``rows`` the players: one row per sound, a cell per solidity.
+    ``facts`` are texts about the source, ``pictures`` file names by look. ``bodies`` holds size and mesh by solidity,
+    ``refused`` the refusals of the other bodies. ``rows`` are the players: one row per sound, one cell per solidity.
     ``modes`` holds ``{material: {solidity: [frequencies, ring times]}}``.
     """
 
@@ -42,7 +43,7 @@ class Card:
 
 
 def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
-    """Return what to show of an object; its pictures and sounds are added to ``assets`` by file name."""
+    """Return the card of an object; add its pictures and sounds to ``assets`` by file name."""
     group = reader.group(object_id)
     items = reader.where(object=object_id).items[:]
     facts = {name: group.attrs[name] for name in ("title", "category", "origin", "licence", "attribution")}
@@ -68,7 +69,7 @@ def card(reader: Reader, object_id: str, assets: dict[str, bytes]) -> Card:
         for material in materials:
             shown.modes.setdefault(material, {})[solidity] = _modes(body["materials"][material])
     names = dict.fromkeys(name for solidity in shown.bodies for name in group[solidity]["sounds"])
-    names = [name for name in names if split_sound(name, materials)[0]]  # not those of sampled materials
+    names = [name for name in names if split_sound(name, materials)[0]]  # leaves out sampled materials
     for name in sorted(names, key=lambda name: _place(name, materials)):
         material, point = split_sound(name, materials)
         cells = {
@@ -86,9 +87,9 @@ def _place(name: str, materials: list[str]) -> tuple[int, int]:
 
 
 def _modes(material) -> list:
-    """Return frequencies in Hz and ring times in s (0 where the mode is overdamped), rounded for the page."""
+    """Return frequencies in Hz and ring times in s (0 for overdamped modes), rounded for the page."""
     hz, damping = material["frequencies_hz"][()], material["damping_per_s"][()]
-    rings = np.where(material["damped_frequencies_hz"][()] > 0, _RING / np.maximum(damping, 1e-9), 0.0)
+    rings = np.where(material["damped_frequencies_hz"][()] > 0, _LN_60_DB / np.maximum(damping, 1e-9), 0.0)
     return [[float(f"{value:.6g}") for value in hz], [float(f"{value:.4g}") for value in rings]]
 
 
@@ -110,7 +111,7 @@ def _cell(body, object_id: str, solidity: str, name: str, material: str, assets:
 
 
 def spectrogram(samples, sample_rate_hz: int) -> bytes:
-    """Return a PNG file: levels over time and mel frequency, without axes, for the player to draw its cursor on."""
+    """Return a PNG file: levels over time and mel frequency, without axes; the player draws its cursor on it."""
     levels = mel_levels(samples, sample_rate_hz)[::-1]
     picture = Image.fromarray(np.round(255 * (1 - levels / FLOOR_DB)).astype(np.uint8), mode="P")
     picture.putpalette((colormaps["magma"](np.arange(256), bytes=True)[:, :3]).tobytes())
@@ -120,7 +121,7 @@ def spectrogram(samples, sample_rate_hz: int) -> bytes:
 
 
 def marks(sample_rate_hz: int) -> dict[str, float]:
-    """Return where to mark frequencies on a spectrogram: label and height in percent."""
+    """Return the frequency marks of a spectrogram: label and height in percent."""
     top_hz = sample_rate_hz / 2
     return {
         text: round(100 * float(mel(hz) / mel(top_hz)), 2)
@@ -130,7 +131,7 @@ def marks(sample_rate_hz: int) -> dict[str, float]:
 
 
 def flac(samples, sample_rate_hz: int) -> bytes:
-    """Return a 16-bit FLAC file: lossless, half the size of a WAV, played by every browser, same bytes every time."""
+    """Return a 16-bit FLAC file: lossless, half the size of WAV, played by every browser, deterministic."""
     file = io.BytesIO()
     soundfile.write(file, samples, sample_rate_hz, format="FLAC", subtype="PCM_16")
     return file.getvalue()

@@ -1,4 +1,4 @@
-"""Quantities as people read them: three significant digits and the unit that suits."""
+"""Quantities as people read them: three significant digits and a suitable unit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _SIZES = ((1e6, 1e3, "kB"), (1e9, 1e6, "MB"), (math.inf, 1e9, "GB"))
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Return a number with this many significant digits, thousands set apart, no exponent.
+    """Return a number with this many significant digits, thousands separators and no exponent.
 
     >>> number(0.12345), number(1234.5), number(2.0)
     ('0.123', '1,230', '2')
@@ -53,7 +53,7 @@ def frequency(hertz: float) -> str:
 
 
 def duration(seconds: float) -> str:
-    """Return a time, e.g. ``393 ms``."""
+    """Return a duration, e.g. ``393 ms``."""
     return _scaled(seconds, _TIMES)
 
 

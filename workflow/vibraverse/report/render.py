@@ -1,4 +1,4 @@
-"""The page as HTML: a template filled with what the dataset holds. It asks nothing of a network."""
+"""The page as HTML: a template filled from the dataset. The page needs no network."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from vibraverse.report import quantities
 from vibraverse.report.content import Card, card
 from vibraverse.validation import plot
 
-#: The look shown first, where there is one.
-_FIRST_LOOK = "clay"
-#: Warnings of one kind that are listed.
-_MOST = 20
+#: The look of the cover picture, if the dataset has it.
+_COVER_LOOK = "clay"
+#: Warnings that are listed per kind.
+_SHOWN_WARNINGS = 20
 
 
 def gather(reader: Reader, max_objects: int) -> tuple[list[Card], dict[str, bytes]]:
@@ -43,9 +43,9 @@ def html(
 ) -> str:
     """Return the page.
 
-    ``record`` is the content of ``dataset.json``, ``refusals`` are the rows of ``refusals.tsv``, ``assets_folder`` is
-    where the pictures and sounds lie, relative to the page, ``validation`` the content of ``validation.json``,
-    and ``warnings`` what :func:`vibraverse.dataset.write.summary.warnings` found.
+    ``record`` is the content of ``dataset.json``, ``refusals`` are the rows of ``refusals.tsv``. ``assets_folder`` is
+    the folder of pictures and sounds, relative to the page. ``validation`` is the content of ``validation.json``.
+    ``warnings`` are those of :func:`vibraverse.dataset.write.summary.warnings`.
     """
     environment = jinja2.Environment(
         autoescape=True,
@@ -79,14 +79,14 @@ def html(
         splits=record["objects_by_split"],
         empty_splits=emptiness(record["objects_by_split"]),
         shards=record["shards"],
-        stages={name: _how(record["made_by"][name]) for name in VERSIONS if name in record["made_by"]},
+        stages={name: _flattened(record["made_by"][name]) for name in VERSIONS if name in record["made_by"]},
         families=sorted({one.facts["category"] for one in cards if one.facts["category"]}),
         cards=[_with_cover(one) for one in cards],
         more=record["counts"]["objects"] - len(cards),
         refusals=_grouped(refusals, "reason", REASONS),
         warnings=_grouped(warnings, "kind", WARNINGS),
         warned=len({row["object"] for row in warnings}),
-        most=_MOST,
+        most=_SHOWN_WARNINGS,
         validation=validation,
         convergence=Markup(plot.svg(validation["bodies"], inside_html=True)) if validation else "",
     )
@@ -97,7 +97,7 @@ def _text(name: str) -> str:
 
 
 def _with_cover(one: Card) -> dict:
-    look = _FIRST_LOOK if _FIRST_LOOK in one.pictures else next(iter(one.pictures), "")
+    look = _COVER_LOOK if _COVER_LOOK in one.pictures else next(iter(one.pictures), "")
     counts = [len(body[0]) for bodies in one.modes.values() for body in bodies.values()]
     return {
         **vars(one),
@@ -108,7 +108,7 @@ def _with_cover(one: Card) -> dict:
 
 
 def _data(record: dict, cards: list[Card], assets_folder: str) -> str:
-    """Return the JSON the page's script reads; ``</`` is broken up so that no text can end the script early."""
+    """Return the JSON that the page's script reads; ``</`` is escaped so that no text can end the script early."""
     ranges = record["ranges"]
     low, high = axis(ranges["f1_hz"]["min"], ranges["f_last_hz"]["max"]) if ranges else (20.0, 20_000.0)
     value = {
@@ -122,19 +122,19 @@ def _data(record: dict, cards: list[Card], assets_folder: str) -> str:
 
 
 def axis(lowest_hz: float, highest_hz: float) -> tuple[float, float]:
-    """Return the ends of a logarithmic frequency axis: an eighth of a decade of room on both sides."""
+    """Return the ends in Hz of a logarithmic frequency axis, with an eighth of a decade of margin on both sides."""
     return float(f"{lowest_hz / 1.33:.3g}"), float(f"{highest_hz * 1.33:.3g}")
 
 
 def ticks(low_hz: float, high_hz: float) -> list[float]:
-    """Return 1, 2 and 5 times every power of ten between two frequencies."""
+    """Return the multiples 1, 2 and 5 of every power of ten between two frequencies in Hz."""
     decades = range(math.floor(math.log10(low_hz)), math.ceil(math.log10(high_hz)) + 1)
     found = [step * 10**decade for decade in decades for step in (1, 2, 5)]
     return [hz for hz in found if low_hz <= hz <= high_hz]
 
 
 def _grouped(rows: Sequence[dict], by: str, sentences: dict[str, str]) -> list[dict]:
-    """Return rows in groups with the sentence of each, most frequent first."""
+    """Return rows in groups, each with its sentence, most frequent first."""
     groups: dict[str, list[dict]] = {}
     for row in rows:
         groups.setdefault(row[by], []).append(row)
@@ -142,12 +142,12 @@ def _grouped(rows: Sequence[dict], by: str, sentences: dict[str, str]) -> list[d
     return [{"sentence": sentences[name], "rows": members} for name, members in ordered]
 
 
-def _how(how: dict) -> dict:
-    """Return one stage's making with its nested options as flat pairs; materials have a table of their own."""
-    options = how["options"]
+def _flattened(made_by: dict) -> dict:
+    """Return a stage's provenance with nested options as flat pairs; materials have a table of their own."""
+    options = made_by["options"]
     if isinstance(options, dict):
         options = {key: value for key, value in options.items() if key != "materials"}
-    return {**how, "options": list(_flat(options)), "libraries": list(_flat(how["libraries"]))}
+    return {**made_by, "options": list(_flat(options)), "libraries": list(_flat(made_by["libraries"]))}
 
 
 def _flat(value, key: str = ""):

@@ -1,5 +1,5 @@
-"""One module per stage: reads files, calls the library, writes files. No mathematics here.
+"""One module per stage: it reads files, calls the library and writes files. No mathematics here.
 
-``run(job)`` is the stage's work; what it promises stands in ``vibraverse.flow.steps``. Where there is a ``prepare()``,
-a warm process calls it once before the stage's jobs.
+``run(job)`` does the stage's work; its contract is in ``vibraverse.flow.steps``. A warm process calls ``prepare()``, if
+it exists, once before the stage's jobs.
 """

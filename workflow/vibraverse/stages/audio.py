@@ -1,4 +1,4 @@
-"""Impact sounds: frequencies and damping of every material become WAV files."""
+"""Stage ``audio``: frequencies and damping of every material in, impact sounds out."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Write a sound per material and struck point; the file's stem says of which material, and struck where."""
+    """Write a sound per material and struck point; the file's stem names both."""
     import h5py
 
     from vibraverse.contract.errors import UsageError
@@ -67,7 +67,7 @@ def run(job: Job) -> None:
 
 
 def _strikes(job: Job) -> list[tuple]:
-    """Return every struck point and how the surface moves there."""
+    """Return every struck point with the basis vectors of the surface around it."""
     import h5py
 
     from vibraverse.contract.errors import UsageError

@@ -43,7 +43,7 @@ def run(job: Job) -> None:
 
 
 def prepare() -> None:
-    """Solve a small system: MKL loads the loops of this processor when it first works."""
+    """Solve a small system, because MKL loads its code for this processor on first use."""
     from vibraverse.physics.factorisation import load
 
     load()

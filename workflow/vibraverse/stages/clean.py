@@ -1,4 +1,4 @@
-"""clean: make the closed, oriented, manifold surface of one solid body."""
+"""Stage ``clean``: the source mesh in, the closed, oriented, manifold surface of one solid body out."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def run(job: Job) -> None:
-    """Read and repair the source mesh in a child process, write the surface and what was done to it."""
+    """Read and repair the source mesh in a child process, and write the surface and a record of the repairs."""
     from vibraverse.contract import products
     from vibraverse.contract.limits import run_limited
     from vibraverse.files import meshes
@@ -27,7 +27,7 @@ def run(job: Job) -> None:
     limits = job.options.limits
     body, source_triangles = run_limited(
         _read_and_clean,
-        clean,  # what it imports is here before the fork, and so does not count against the child's memory
+        clean,  # imported before the fork, so that its libraries do not count against the child's memory limit
         job.inputs["mesh"],
         source["format"],
         source.get("file"),
@@ -71,7 +71,7 @@ def run(job: Job) -> None:
 def _read_and_clean(
     clean: Callable, path: Path, format: str, name: str | None, options: Clean
 ) -> tuple[CleanSurface, int]:
-    """Return the cleaned body of a mesh file and how many triangles the file holds."""
+    """Return the cleaned body of a mesh file, and the number of triangles in the file."""
     from vibraverse.files.meshes import read_mesh
 
     mesh = read_mesh(path, format, name, options.max_triangles)
@@ -87,7 +87,7 @@ def _read_and_clean(
 
 
 def prepare() -> None:
-    """Import every format; use each compiled loop on a tetrahedron: Numba loads it from its cache when first called."""
+    """Import every format, and call each compiled loop once, because Numba reads its cache on the first call."""
     import numpy as np
 
     from vibraverse.files import formats

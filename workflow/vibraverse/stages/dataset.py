@@ -1,7 +1,7 @@
-"""Packing: the products of some objects become one HDF5 shard.
+"""Stage ``dataset``: the products of a shard's objects in, one HDF5 shard out.
 
-The products are found by their paths below ``results``, so the command line stays short however many there are; the
-rule lists them as its inputs for Snakemake's sake.
+The stage finds the products by their paths below ``results``, so the command line stays short; the rule lists them as
+inputs for Snakemake.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Write every object's group, then what the shard says about itself."""
+    """Write the group of every object, then the attributes of the shard."""
     import h5py
 
     from vibraverse.contract.errors import UsageError

@@ -1,4 +1,4 @@
-"""grids: voxelise the surface and measure the signed distance."""
+"""Stage ``grids``: the surface in, occupancy and signed distance on grids out."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Read the surface, write both grids and the box mesh of the coarse one."""
+    """Read the surface; write both grids and the box mesh of the coarse one."""
     import numpy as np
 
     from vibraverse.files import meshes
@@ -22,7 +22,7 @@ def run(job: Job) -> None:
 
 
 def write_grids(path, occupied, distance, provenance: dict) -> None:
-    """Write both grids as compressed HDF5 datasets that say what they are."""
+    """Write both grids as compressed HDF5 datasets with description, axes and unit."""
     from vibraverse.contract.products import hdf5, write_provenance
 
     with hdf5(path) as h5:

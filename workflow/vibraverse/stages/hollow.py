@@ -1,4 +1,4 @@
-"""hollow: take the inside out of the body."""
+"""Stage ``hollow``: the surface and its signed distance in, the surface of the hollow body out."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Read the surface and its distance grid, draw the wall thickness, write the hollow body's surface."""
+    """Read the surface and its distance grid, draw the wall thickness, and write the hollow body's surface."""
     import h5py
 
     from vibraverse.contract.limits import run_limited

@@ -1,4 +1,4 @@
-"""Pictures of the outside: every look from every side."""
+"""Stage ``images``: the surface in, pictures of the outside in every look and view out."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Write a picture per look and view; the file's stem says which.
+    """Write a picture per look and view; the file's stem names both.
 
-    The renderer runs in this process: should a driver crash it, the job fails as a whole and is run again,
-    because that is the machine's fault and never the object's.
+    The renderer runs in this process. If a driver crashes it, the job fails and is retried, because that is the
+    machine's fault and never the object's.
     """
     import meshio
     import numpy as np
@@ -43,7 +43,7 @@ def run(job: Job) -> None:
 
 
 def prepare() -> None:
-    """Load what draws, and with it a compiler, and what writes. Nothing is drawn: that would start threads."""
+    """Load the renderer with its shader compiler, and the PNG writer. Draw nothing: that would start threads."""
     from PIL import Image
 
     from vibraverse.media.images import choose_window

@@ -1,4 +1,4 @@
-"""Indexing: what all shards hold, as tables and one record; here every object gets its split."""
+"""Stage ``index``: all shards in, the tables and the record of the dataset out; assigns every object's split."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vibraverse.contract.texts import unknown
 
 
 def run(job: Job) -> None:
-    """Join the shards' rows, and count."""
+    """Write the tables, the card, the record and the checksums of the dataset."""
     from vibraverse.contract.errors import UsageError
     from vibraverse.dataset.publish.card import card, overview
     from vibraverse.dataset.publish.croissant import croissant
@@ -25,7 +25,7 @@ def run(job: Job) -> None:
         job.outputs["config"].write_bytes(job.inputs["resolved"].read_bytes())
     try:
         reader = Reader(job.inputs["shards"])
-    except ValueError as error:  # a file that is no shard, or follows another schema
+    except ValueError as error:  # a file that is not a shard, or follows another schema
         raise UsageError(f"index: {error}") from None
     with reader:
         splits = _splits(job, reader)
@@ -60,7 +60,7 @@ def run(job: Job) -> None:
 
 
 def _splits(job: Job, reader):
-    """Return the split of every object, by the hash of its id and by its copies."""
+    """Return the split of every object, from the hash of its id and its copies."""
     from vibraverse.contract.errors import UsageError
     from vibraverse.dataset.read.index import read_splits
     from vibraverse.dataset.split.assignment import assign

@@ -1,7 +1,7 @@
 """Stage ``modes``: the modal basis and the materials in, frequencies, damping and mode shapes out.
 
-Mode shapes are kept as their coefficients in the basis. A material for which the basis is not good enough (as a rule
-because its Poisson's ratio lies outside the range) is solved on the mesh itself, and its shapes are kept as they are.
+Mode shapes are stored as coefficients in the basis. If the basis is not accurate enough for a material (usually because
+its Poisson's ratio lies outside the range), the material is solved on the mesh, and its shapes are stored in full.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ _UNITS = {
 }
 _SHAPE_UNIT = "kg^-1/2"
 
-#: What is kept of sampled materials. Damping follows from the parameters: ``d = ½(α + β ω²)``.
+#: Quantities stored for sampled materials, with units. Damping follows from the parameters: ``d = ½(α + β ω²)``.
 SAMPLED_UNITS = {
     "density_kg_m3": "kg/m³",
     "young_pa": "Pa",
@@ -35,7 +35,7 @@ SAMPLED_UNITS = {
 
 
 def object_size(options: MaterialModes, clean_record: dict) -> tuple[float, str]:
-    """Return the longest side in metres and who says so: as configured, else as the source states, else the default."""
+    """Return the longest side in metres and its origin: the configuration, else the source, else the default."""
     if options.size_m:
         return options.size_m, options.size_origin or "configuration"
     if clean_record.get("size_m"):
@@ -108,7 +108,7 @@ def _write_sampled(h5, job: Job, basis, scale_m: float) -> None:
 
 
 def _solved(job: Job, basis, material: dict, scale_m: float):
-    """Return the modes of a material, and where they needed a solve on the mesh itself the basis of that, else None."""
+    """Return the modes of a material, and the basis of a solve on the mesh if one was needed, else None."""
     from vibraverse.physics.modes import solve_material
 
     options = job.options

@@ -1,7 +1,7 @@
-"""Reporting: the page people open, with its pictures and sounds in a folder beside it.
+"""Stage ``report``: the dataset in, a page with its pictures and sounds in a folder beside it out.
 
-The folder of pictures and sounds is named by their content, so a page never meets those of another. Those of the page
-before stay until the new one is in place.
+The folder of pictures and sounds is named by a hash of their content, so a page never shows those of another. The
+folder of the previous page stays until the new page is in place.
 """
 
 from __future__ import annotations
@@ -39,9 +39,9 @@ def run(job: Job) -> None:
 
 
 def write_assets(parent: Path, assets: dict[str, bytes]) -> str:
-    """Write files into a folder of ``parent`` named by their content; return the folder's name.
+    """Write files into a folder of ``parent`` named by a hash of their content; return the folder's name.
 
-    One that holds them already stays as it is: a page may show it now.
+    A folder that already holds them is left untouched, because an open page may use it.
     """
     final = parent / _name(assets)
     if final.is_dir() and _name(_read(final)) == final.name:
@@ -56,7 +56,7 @@ def write_assets(parent: Path, assets: dict[str, bytes]) -> str:
 
 
 def remove_others(parent: Path, kept: str) -> None:
-    """Remove the folders of other pages, and what killed runs left."""
+    """Remove the folders of other pages, and the partial folders of killed runs."""
     for other in parent.iterdir():
         if other.name != kept:
             shutil.rmtree(other)

@@ -1,4 +1,4 @@
-"""Stage ``sources``: one object's mesh as it came, with where it came from and its licence."""
+"""Stage ``sources``: one object's mesh, unchanged, with its origin and licence."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Take the mesh from its origin; a mesh that cannot be parsed is refused by ``clean``, not here."""
+    """Fetch or generate the mesh; ``clean``, not this stage, refuses a mesh that cannot be parsed."""
     record = _ORIGINS[job.options.origin](job)
     job.write_record({"object": job.object, "origin": job.options.origin, **record})
 
@@ -107,7 +107,7 @@ _ORIGINS = {"generated": _generated, "bundled": _bundled, "files": _files, "obja
 
 
 def prepare() -> None:
-    """Import the families' modules, which the table of families names."""
+    """Import the modules of all shape families."""
     import importlib
 
     from vibraverse.sources.families import FAMILIES

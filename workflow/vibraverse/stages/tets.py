@@ -1,4 +1,4 @@
-"""tets: fill the boundary surface of a body with tetrahedra."""
+"""Stage ``tets``: the boundary surface of a body in, tetrahedra out."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Read the surface, mesh the body in a child process, write the tetrahedra and their record."""
+    """Read the surface, mesh the body in a child process, and write the tetrahedra and their record."""
     from vibraverse.files import meshes
     from vibraverse.files.tets import write_tets
     from vibraverse.geometry import surfaces

@@ -1,4 +1,4 @@
-"""Stage ``validation_meshes``: the tetrahedra of one body whose frequencies are known, coarse to fine."""
+"""Stage ``validation_meshes``: tetrahedra of one body with known frequencies, coarse to fine."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Make the body's surface, clean it, hollow it where it is hollow, and mesh it."""
+    """Make the body's surface, clean it, hollow it if the body is hollow, and mesh it."""
     from vibraverse.validation.bodies import BODIES
     from vibraverse.validation.meshes import meshes
 

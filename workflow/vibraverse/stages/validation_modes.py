@@ -1,4 +1,4 @@
-"""Stage ``validation_modes``: the frequencies of one body at every mesh and order beside those it must have."""
+"""Stage ``validation_modes``: the frequencies of one body at every mesh and order, beside the known ones."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Solve every mesh and compare."""
+    """Solve on every mesh and compare the frequencies."""
     import h5py
 
     from vibraverse.validation.bodies import BODIES

@@ -1,4 +1,4 @@
-"""Stage ``validation_table``: all comparisons in one table, with how fast errors fall and a plot of it."""
+"""Stage ``validation_table``: the comparisons of all bodies in, one table and a convergence plot out."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Join what the bodies say; a refused body counts as missed."""
+    """Join the comparisons of all bodies; a refused body counts as missed."""
     from vibraverse.dataset.schema.tables import to_tsv
     from vibraverse.validation import plot, table
     from vibraverse.validation.bodies import BODIES

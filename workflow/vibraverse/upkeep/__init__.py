@@ -1,1 +1,1 @@
-"""Looks at finished products: their lineage, their repair, a run's progress and costs."""
+"""What finished products show: their lineage, their repair, the progress and costs of a run."""

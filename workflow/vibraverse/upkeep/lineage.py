@@ -1,7 +1,7 @@
-"""Which stage made which file from which: the chain of one object, as a table over the patterns of ``paths.py``.
+"""The lineage of products: which stage made which file of an object from which others.
 
-Rules state the same for Snakemake (a test holds both together); here it serves what looks at finished products: tracing
-one back to its source, and finding those that are not what later ones were made of.
+It derives from the steps. It traces a product back to its source, and finds products that changed after later ones were
+made from them.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ from vibraverse.flow.steps import CHAIN
 
 @dataclass(frozen=True)
 class Made:
-    """One job of the chain: a step, for an object and, where there is one per body, a solidity.
+    """One job of the chain: a step and an object, and for stages of bodies a solidity.
 
-    ``stated`` is the text of its record, where that is known from elsewhere.
+    ``stated`` is the text of its record if that comes from elsewhere, such as a shard.
     """
 
     paths: Paths
@@ -43,7 +43,7 @@ class Made:
         return self._at(self.step.outputs[name].pattern)
 
     def output(self, name: str) -> list[Path]:
-        """Return the files of an output: itself, or those of a folder, as its record says or as they lie there."""
+        """Return the files of an output: itself, or for a folder those that its record lists, else those in it."""
         place = self.place(name)
         if place != self.record.parent:
             return [place]
@@ -71,7 +71,7 @@ class Made:
 
     @cached_property
     def content(self) -> dict:
-        """What the record says, or what is ``stated`` of it; empty where it is missing, refused or broken."""
+        """Content of the record, or of ``stated``; empty if the record is missing, refused or broken."""
         try:
             if self.stated:
                 return json.loads(self.stated)
@@ -86,11 +86,11 @@ class Made:
 
     @property
     def provenance(self) -> dict:
-        """The provenance in :attr:`content`."""
+        """Provenance in :attr:`content`."""
         return self.content.get("provenance", {})
 
     def command(self) -> str:
-        """Return the command that makes the outputs again, from the options that the record states."""
+        """Return the command that remakes the outputs, with the options that the record states."""
         words = ["vibraverse", self.step.name, "--object", self.object]
         words += ["--solidity", self.solidity] if self.solidity else []
         words += [f"--file={file}" for file in self._file()]
@@ -103,7 +103,7 @@ class Made:
         return shlex.join([*words, "--options", json.dumps(options, ensure_ascii=False)])
 
     def _file(self) -> list[str]:
-        """Return the mesh that the source came from, as the job's log says: records do not hold paths."""
+        """Return the mesh file of the source from the job's log, because records hold no paths."""
         if "file" not in self.provenance.get("input_sha256", {}):
             return []
         log = self.paths.at(self.paths.log("sources", "object"), object=self.object)
@@ -111,7 +111,7 @@ class Made:
 
 
 def logged(log: str | Path, option: str) -> list[str]:
-    """Return what follows ``option`` in the words of the command that a job's log begins with; [] without a log."""
+    """Return the values of ``option`` in the command at the beginning of a job's log; [] without a log."""
     log = Path(log)
     words = shlex.split(log.read_text(encoding="utf-8").split("\n")[0]) if log.is_file() else []
     return [word.removeprefix(option) for word in words if word.startswith(option)]
@@ -123,9 +123,9 @@ def jobs(paths: Paths, object_id: str) -> list[Made]:
 
 
 def packed_jobs(paths: Paths, object_id: str, group, making: dict) -> list[Made]:
-    """Return the jobs whose products an object's group of a shard holds, as the shard states them.
+    """Return the jobs whose products are in an object's group of a shard, with the records stored there.
 
-    What the group holds no record of is stated by ``making``, the shard's own, but for its checksums.
+    For stages without a record in the group, ``making`` of the shard states all but the checksums.
     """
     found = []
     for made in jobs(paths, object_id):
@@ -144,12 +144,12 @@ def packed_jobs(paths: Paths, object_id: str, group, making: dict) -> list[Made]
 
 
 def makers(all_jobs: list[Made]) -> dict[Path, Made]:
-    """Return which job makes each path."""
+    """Return the job that makes each path."""
     return {path: made for made in all_jobs for path in made.outputs}
 
 
 def chain(last: list[Made]) -> list[Made]:
-    """Return jobs and all that came before them, each once, first things first."""
+    """Return jobs and all jobs that they depend on, each once, in the order of the chain."""
     wanted: list[Made] = []
     for object_id in dict.fromkeys(made.object for made in last):
         known = jobs(last[0].paths, object_id)
@@ -166,14 +166,14 @@ def chain(last: list[Made]) -> list[Made]:
 
 
 def needed(paths: Paths, object_id: str, solidity: str, last: str) -> list[Made]:
-    """Return the jobs that the stage ``last`` of one body needs, and it, first things first."""
+    """Return the stage ``last`` of one body and all jobs that it needs, in the order of the chain."""
     return chain(
         [made for made in jobs(paths, object_id) if (made.step.name, made.solidity) == (last, solidity)]
     )
 
 
 def after(first: Made) -> list[Made]:
-    """Return a job and all that come after it in the chain of its object."""
+    """Return a job and all jobs of its object that depend on it."""
     touched, files = [first], set(first.outputs)
     for made in jobs(first.paths, first.object):
         if made != first and files & {made.input(name) for name in made.step.chained}:

@@ -1,7 +1,7 @@
-"""What jobs took, as the journal notes it, and what to ask for next time.
+"""Costs of jobs from the journal, and suggestions for the next run.
 
-Memory is the largest seen and half as much again, time three times the largest seen: a job that asks for too
-little runs twice, one that asks for a little too much only waits a little longer.
+Suggested memory is 1.5 times the largest measured, suggested time 3 times the largest measured. A job that asks for too
+little runs twice; one that asks for a little too much only waits a little longer.
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ from vibraverse.contract import journal
 from vibraverse.contract.journal import Ended
 from vibraverse.flow.paths import Paths
 
-#: Suggested over largest measured memory and time.
+#: Ratios of suggested to largest measured memory and time.
 MEMORY_MARGIN, TIME_MARGIN = 1.5, 3.0
-#: Suggestions are multiples of this, and never less: a process has it before it computes.
+#: Step and minimum of suggested memory; a process takes this much before it computes.
 MEMORY_STEP_MB = 500
-#: MB that Snakemake itself takes in every job of a cluster.
-JOB_MB = 150
+#: Memory in MB that Snakemake itself takes in every cluster job.
+SNAKEMAKE_JOB_MB = 150
 
 #: A stage, the object, shard or known body that its job is for, and the solidity.
 Job = tuple[str, str, str]
@@ -28,7 +28,7 @@ Job = tuple[str, str, str]
 
 @dataclass(frozen=True)
 class Suggestion:
-    """What the jobs of a rule took, and what to ask for; ``group`` is how many fill the wanted time."""
+    """Costs of a rule's jobs, and what to ask for; ``group`` is the number of jobs that fill the requested time."""
 
     jobs: int
     total_s: float
@@ -42,7 +42,7 @@ class Suggestion:
 
 
 def read(paths: Paths) -> dict[Job, Ended]:
-    """Return what the jobs of a results folder took, each when it last ended without a failure."""
+    """Return the costs of the jobs of a results folder, each from its last end without a failure."""
     found: dict[Job, Ended] = {}
     for name in sorted(journal.names(paths.results)):
         found.update(journal.ended(paths.results, name))
@@ -50,14 +50,14 @@ def read(paths: Paths) -> dict[Job, Ended]:
 
 
 def suggest(jobs: dict[Job, Ended], group_minutes: float) -> dict[str, Suggestion]:
-    """Return a suggestion for each rule; ``group_minutes`` is how long a group of its jobs should take."""
+    """Return a suggestion for each rule; ``group_minutes`` is the time that a group of its jobs should take."""
     by_rule: dict[str, list[Ended]] = {}
     for one in jobs.values():
         by_rule.setdefault(one.stage, []).append(one)
     suggestions = {}
     for rule, ended in by_rule.items():
         seconds, memory = [one.wall_s for one in ended], [one.memory_mb for one in ended]
-        wanted = MEMORY_MARGIN * max(memory) + JOB_MB
+        wanted = MEMORY_MARGIN * max(memory) + SNAKEMAKE_JOB_MB
         suggestions[rule] = Suggestion(
             jobs=len(seconds),
             total_s=sum(seconds),
@@ -73,7 +73,7 @@ def suggest(jobs: dict[Job, Ended], group_minutes: float) -> dict[str, Suggestio
 
 
 def unknowns(paths: Paths) -> dict[Job, int]:
-    """Return the unknowns of the sparse problem of each job that solved one, where its product is still there."""
+    """Return the number of unknowns of each job that solved a sparse problem and whose product still exists."""
     import h5py
 
     found = {}
@@ -88,7 +88,7 @@ def unknowns(paths: Paths) -> dict[Job, int]:
 
 
 def growth(pairs: list[tuple[int, float]]) -> tuple[float, float] | None:
-    """Return MB at no unknowns and MB per 1,000 unknowns, by least squares; None where sizes differ too little."""
+    """Return MB at zero unknowns and MB per 1,000 unknowns, by least squares; None if the sizes differ too little."""
     if len(pairs) < 3 or max(pairs)[0] < 1.5 * min(pairs)[0]:
         return None
     slope, intercept = linear_regression(*zip(*pairs, strict=True))

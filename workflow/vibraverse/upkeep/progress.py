@@ -1,7 +1,6 @@
-"""How far a run is: which products of the configured objects there are, which jobs work now, and what is left.
+"""The progress of a run: which products of the configured objects exist, which jobs work now, and what is left.
 
-Looks at names, not into files, but for the few bytes that tell a refusal from a product, and for the journal of those
-who work.
+Reads names, not files, except the journal and the first bytes of products, which tell refusals.
 """
 
 from __future__ import annotations
@@ -22,16 +21,19 @@ from vibraverse.flow.plan import Plan
 from vibraverse.flow.steps import BY_NAME, CHAIN
 from vibraverse.upkeep.lineage import jobs
 
-#: Objects whose jobs are read for the mean times of stages.
-_SAMPLED = 40
-#: Stands for an object in paths that serve for all objects.
-_ANY = "_"
-_CHAIN = {step.name for step in CHAIN}
+#: Objects whose journals are read for the mean times of stages, about.
+_SAMPLE_SIZE = 40
+#: Placeholder for the object in paths that hold for all objects.
+_ANY_OBJECT = "_"
+_CHAIN_STAGES = {step.name for step in CHAIN}
 
 
 @dataclass(frozen=True, eq=False)
 class Kind:
-    """A job that every object has: its files and, among them, its record, below the object's folder."""
+    """A job that every object has: its files, its record among them, and the jobs before it.
+
+    Paths are below the object's folder.
+    """
 
     stage: str
     solidity: str
@@ -42,7 +44,7 @@ class Kind:
 
 @dataclass(frozen=True)
 class Work:
-    """A job that works now: who does it, the file in the journal that says so, its log, and whether its run is gone."""
+    """A job that works now: its process, its file in the journal, its log, and whether it is orphaned."""
 
     worker: Worker
     file: Path
@@ -52,14 +54,14 @@ class Work:
 
 @dataclass
 class Survey:
-    """What there is of the configured objects.
+    """The state of the configured objects.
 
-    ``objects`` counts them by state: ``done``, ``refused`` (nothing is left), ``begun`` and ``missing``; of
-    ``body_by_body`` of the refused ones each body was refused, and ``in_part`` counts those of which only some body is.
-    ``jobs`` counts by stage the jobs that are ``done``, ``refused``, ``running``, ``stopped`` (begun, and nothing works
-    on them) and ``waiting``. ``works`` are those that run, and those that run of what is no object's alone; ``runs``
-    counts the runs that work. ``refusals`` are rows of ``refusals.tsv``; ``stopped`` names the logs of stopped jobs;
-    ``strangers`` counts objects that the configuration does not name.
+    ``objects`` counts objects by state: ``done``, ``refused`` (nothing is left), ``begun`` and ``missing``.
+    ``body_by_body`` counts refused objects whose bodies were refused one by one; ``in_part`` counts objects with one
+    refused body. ``jobs`` counts jobs by stage and state: ``done``, ``refused``, ``running``, ``stopped`` (begun, but
+    no process works on it) and ``waiting``. ``works`` are the running jobs, those of shards and the dataset included.
+    ``runs`` counts the runs that work. ``refusals`` are rows of ``refusals.tsv``. ``stopped`` lists the logs of stopped
+    jobs. ``strangers`` counts objects that the configuration does not name.
     """
 
     objects: Counter = field(default_factory=Counter)
@@ -73,7 +75,7 @@ class Survey:
     strangers: int = 0
 
     def left(self) -> dict[str, int]:
-        """Return how many jobs of each stage are not done."""
+        """Return the number of jobs left by stage."""
         return {
             stage: counts["running"] + counts["stopped"] + counts["waiting"]
             for stage, counts in self.jobs.items()
@@ -81,20 +83,22 @@ class Survey:
 
     @property
     def running(self) -> int:
-        """How many jobs of objects the runs work on now."""
+        """Number of jobs of objects that the runs work on now."""
         return sum(work.worker.stage in self.jobs and not work.orphaned for work in self.works)
 
 
 def survey(plan: Plan) -> Survey:
-    """Return what there is of all objects."""
-    begun = list(journal.begun(plan.paths.results))  # first: each has its run's file before its own
+    """Return the state of all configured objects."""
+    begun = list(
+        journal.begun(plan.paths.results)
+    )  # before the runs: a run's file exists before those of its jobs
     runs = journal.working_runs(plan.paths.results)
-    works, stopped = _sorted(begun, plan.paths, set(runs))
-    others = [work for job, work in works.items() if work.orphaned or job[0] not in _CHAIN]
+    works, stopped = _working_and_stopped(begun, plan.paths, set(runs))
+    others = [work for job, work in works.items() if work.orphaned or job[0] not in _CHAIN_STAGES]
     found = Survey(runs=len(runs), works=others)
     kinds = kinds_of(plan)
     places = {place for kind in kinds for place, _ in kind.files}
-    root = os.path.dirname(plan.paths.at(plan.paths.object, object=_ANY))
+    root = os.path.dirname(plan.paths.at(plan.paths.object, object=_ANY_OBJECT))
     there = set(_names(root))
     found.strangers = len(there - set(plan.objects))
     for object_id in plan.objects:
@@ -133,16 +137,16 @@ def mean_seconds(plan: Plan) -> dict[str, float]:
     """Return the mean wall time of a job by stage, from a sample of the journal."""
     noted = sorted(journal.names(plan.paths.results).intersection(plan.objects))
     seconds: dict[str, list[float]] = {}
-    for object_id in noted[:: max(1, len(noted) // _SAMPLED)]:
+    for object_id in noted[:: max(1, len(noted) // _SAMPLE_SIZE)]:
         for job in journal.ended(plan.paths.results, object_id).values():
             seconds.setdefault(job.stage, []).append(job.wall_s)
     return {stage: sum(values) / len(values) for stage, values in seconds.items()}
 
 
 def seconds_left(found: Survey, means: dict[str, float], now: float | None = None) -> tuple[float, list[str]]:
-    """Return how long the jobs that are left take one after another, and the stages of which no time is known.
+    """Return the time in seconds of the jobs left, one after another, and the stages whose mean time is unknown.
 
-    A job that runs has the rest of its stage's mean before it; one that outlasts the mean counts no more.
+    A running job counts with the rest of its stage's mean, or with zero once it has outlasted the mean.
     """
     now = time.time() if now is None else now
     left = {stage: count for stage, count in found.left().items() if count}
@@ -158,14 +162,14 @@ def kinds_of(plan: Plan) -> list[Kind]:
     """Return the jobs of an object in this configuration, in the order of the chain."""
     asked = plan.config.solidities
     several = {"sounds": targets.sounds(plan), "views": targets.views(plan)}
-    folder = plan.paths.at(plan.paths.object, object=_ANY)
-    found: dict[str, Kind] = {}  # by the files it makes
+    folder = plan.paths.at(plan.paths.object, object=_ANY_OBJECT)
+    found: dict[str, Kind] = {}  # by product path
     kinds = []
-    for made in jobs(plan.paths, _ANY):
+    for made in jobs(plan.paths, _ANY_OBJECT):
         if made.solidity not in ("", *asked) or made.step.only not in ("", *asked):
             continue
         paths = [
-            str(Path(plan.paths.at(pattern, object=_ANY, solidity=made.solidity)))
+            str(Path(plan.paths.at(pattern, object=_ANY_OBJECT, solidity=made.solidity)))
             for output in made.step.outputs.values()
             for pattern in several.get(output.pattern, [getattr(plan.paths, output.pattern)])
         ]
@@ -182,10 +186,10 @@ def kinds_of(plan: Plan) -> list[Kind]:
     return kinds
 
 
-def _sorted(
+def _working_and_stopped(
     begun: list[tuple[Path, Worker]], paths: Paths, runs: set[str]
 ) -> tuple[dict[tuple, Work], dict[tuple, str]]:
-    """Return the jobs that work, and the logs of those that failed or were killed, by stage, object and solidity."""
+    """Return the working jobs, and the logs of failed and killed ones, both by stage, object and solidity."""
     works, stopped = {}, {}
     for file, worker in begun:
         step = BY_NAME.get(worker.stage)

@@ -1,8 +1,8 @@
-"""Finding products that are not what they were, so that they can be made again.
+"""The search for changed products, so that they can be made again.
 
-Every product states the checksums of what it was made from and of what was made with it, and a shard those of the
-products it packs. A file that is not what a later one was made from has been changed since, unless it is newer: then
-the next run makes the later one again, and nothing is wrong.
+Every product states the checksums of its inputs and of the outputs written with it; a shard states those of the
+products in it. A file that differs from the checksum in a later product has changed since. If it is newer than that
+product, nothing is wrong: the next run remakes the later product.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from vibraverse.upkeep.lineage import Made, after, jobs, makers
 
 
 class Wrong(NamedTuple):
-    """A wrong product: its path, why, what makes it again, and all files and folders that this makes anew.
+    """A wrong product: its path, the reason, the job that remakes it, and all files and folders to remake.
 
-    A file that is none of the run's has nothing that makes it.
+    For a file that does not belong to the run, ``by`` is empty.
     """
 
     path: Path
@@ -35,9 +35,9 @@ class Wrong(NamedTuple):
 
 
 def last_products(paths: Paths, shards: Iterable[Path]) -> list[Path]:
-    """Return all that is made of any shard, last things first, and the shards.
+    """Return the existing products that are made from shards, last ones first, and the shards.
 
-    Snakemake looks for what is asked for in the end, and makes nothing again before something of that is missing.
+    Snakemake looks only at the targets of a run, and remakes nothing as long as they all exist.
     """
     last = (*BY_NAME["report"].outputs.values(), *BY_NAME["index"].outputs.values())
     made = (paths.verdict, *(getattr(paths, output.pattern) for output in last))
@@ -45,17 +45,17 @@ def last_products(paths: Paths, shards: Iterable[Path]) -> list[Path]:
 
 
 def in_order(paths: Paths, files: Iterable[Path], objects: Iterable[str]) -> list[Path]:
-    """Return files of these objects and of the dataset, and what is made of them in the end, as they are to be deleted.
+    """Return these files and the last products that depend on these objects, in the order in which to delete them.
 
-    The last products and the shards come first: were one stopped in between, Snakemake would otherwise find all that
-    is asked for, and make nothing again. Files of an object stay in the order of its chain, since the later ones tell
-    that one is wrong until it is gone.
+    The last products and the shards come first. Otherwise, after an interruption, Snakemake would find all its targets
+    and remake nothing. Files of an object stay in the order of the chain, because later ones show that an earlier one
+    is wrong until it is deleted.
     """
     return list(dict.fromkeys([*last_products(paths, shards_of(paths, objects)), *files]))
 
 
 def shards_of(paths: Paths, objects: Iterable[str]) -> list[Path]:
-    """Return the shards that hold these objects, and those that cannot be read."""
+    """Return the shards that hold any of these objects, and those that cannot be read."""
     wanted, found = set(objects), []
     for shard in shards_in(paths.dataset):
         held = packed_products(shard)
@@ -65,10 +65,10 @@ def shards_of(paths: Paths, objects: Iterable[str]) -> list[Path]:
 
 
 def wrong_products(paths: Paths, object_id: str, packed: dict[str, str], packed_at: float) -> Iterator[Wrong]:
-    """Yield the products of an object that are not as they were made.
+    """Yield the products of an object that changed after they were made.
 
-    ``packed`` maps products, below the object's folder, to the checksums that its shard states; ``packed_at`` is the
-    time of that shard.
+    ``packed`` maps products, as paths below the object's folder, to the checksums that its shard states. ``packed_at``
+    is the modification time of that shard.
     """
     every = jobs(paths, object_id)
     chain = [made for made in every if made.record.is_file() and not read_refusal(made.record)]
@@ -111,7 +111,7 @@ def _changed(path: Path, right: str, used_at: float, digest) -> bool:
 
 
 def packed_products(shard: Path) -> dict[str, dict[str, str]] | None:
-    """Return object -> products -> checksums, as a shard states them; None where it cannot be read."""
+    """Return object -> product -> checksum as a shard states them; None if it cannot be read."""
     import h5py
 
     try:
@@ -125,7 +125,7 @@ def packed_products(shard: Path) -> dict[str, dict[str, str]] | None:
 
 
 def wrong_dataset(paths: Paths) -> Iterator[Wrong]:
-    """Yield the files of the dataset that are not as they were written, each once."""
+    """Yield the files of the dataset that changed after they were written, each once."""
     from vibraverse.dataset.check.folder import SHARDS, findings
 
     seen = set()

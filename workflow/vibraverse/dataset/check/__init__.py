@@ -1,1 +1,1 @@
-"""Whether a dataset is whole and agrees with itself."""
+"""Checks that a dataset is complete, unchanged and consistent."""

@@ -1,8 +1,8 @@
-"""Checking a dataset's folder: its files against their checksums, its shards against the schema and the physics.
+"""The check of a dataset's folder: files against their checksums, shards against the schema and the physics.
 
-Every byte of a dataset is covered twice: ``SHA256SUMS`` lists all files (``sha256sum -c SHA256SUMS`` needs nothing of
-ours), and ``dataset.json`` lists all but itself. Where a shard's bytes are wrong, the checksums inside it
-(:mod:`vibraverse.dataset.schema.checksums`) say which object is.
+Every byte of a dataset is covered twice: ``SHA256SUMS`` lists all files (``sha256sum -c SHA256SUMS`` checks it without
+our code), and ``dataset.json`` lists all but itself. If a shard's bytes are wrong, the checksums inside it
+(:mod:`vibraverse.dataset.schema.checksums`) name the object.
 """
 
 from __future__ import annotations
@@ -23,18 +23,18 @@ from vibraverse.dataset.schema import ITEMS, NO_SHARD, REFUSALS
 from vibraverse.files.reading.document import parse
 from vibraverse.flow.chain import shards_in
 
-#: Limits of looking into one shard whose bytes are wrong: HDF5 may do anything with it.
-_SECONDS, _MEMORY_MB = 3600, 8000
+#: Limits of reading a shard whose bytes are wrong, because HDF5 may hang or crash on it.
+_SHARD_SECONDS, _SHARD_MEMORY_MB = 3600, 8000
 #: Names in a dataset's folder.
 RECORD, SUMS, SHARDS, INDEX = "dataset.json", "SHA256SUMS", "shards/", "index.h5"
-#: Tables in text, with their names in an index.
+#: Text tables, with their names in an index.
 TABLES = {"index.tsv": ITEMS, "refusals.tsv": REFUSALS}
 
 
 class Finding(NamedTuple):
-    """Something wrong: the file below the dataset's folder, the object (empty: none, or not known), and a sentence.
+    """A finding: the file below the dataset's folder, the object ("" if none or unknown), and a sentence.
 
-    A ``stranger`` is a file that belongs to somebody else.
+    A ``stranger`` is a file that does not belong to the dataset.
     """
 
     file: str
@@ -47,10 +47,10 @@ class Finding(NamedTuple):
 
 
 def findings(path: str | Path, share: float = 0.0) -> Iterator[Finding]:
-    """Yield what is wrong with a dataset's folder, or with one shard.
+    """Yield the findings about a dataset's folder, or about one shard.
 
-    Of the items about ``share`` are made again from what they came from (:mod:`vibraverse.dataset.check.recompute`).
-    Raises :class:`FileNotFoundError` when there is no dataset.
+    About ``share`` of the items are recomputed (:mod:`vibraverse.dataset.check.recompute`). Raises
+    :class:`FileNotFoundError` if the dataset does not exist.
     """
     path = Path(path)
     if path.is_file():
@@ -82,7 +82,7 @@ def findings(path: str | Path, share: float = 0.0) -> Iterator[Finding]:
 
 
 def _file(path: Path, name: str, actual: str | None, said_by: dict, share: float) -> Iterator[Finding]:
-    """Yield what is wrong with one file, and who states a wrong checksum of it."""
+    """Yield the findings about one file, and the lists that state a wrong checksum of it."""
     is_shard = name.startswith(SHARDS)
     right = actual is not None and actual in said_by.values()
     if actual is None:
@@ -109,13 +109,13 @@ def _file(path: Path, name: str, actual: str | None, said_by: dict, share: float
 
 
 def _there(path: Path) -> list[str]:
-    """Return the files of a dataset's folder, below it, without what belongs to no finished dataset."""
+    """Return the files in a dataset's folder, as paths below it, without partial and hidden ones."""
     others = sorted(file.name for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
     return [*(SHARDS + shard.name for shard in shards_in(path)), *(name for name in others if name != SUMS)]
 
 
 def _stated(record: Path) -> tuple[dict[str, str], list[Finding]]:
-    """Return the checksums that dataset.json states, and what is wrong with it."""
+    """Return the checksums that dataset.json states, and the findings about it."""
     try:
         content = parse(record.read_bytes())
         shards, files = content.fields("shards"), content.fields("files")
@@ -126,7 +126,7 @@ def _stated(record: Path) -> tuple[dict[str, str], list[Finding]]:
 
 
 def _sums(path: Path, known: set[str]) -> tuple[dict[str, str], list[Finding]]:
-    """Return the checksums that SHA256SUMS states of known files, and what is wrong with it."""
+    """Return the checksums that SHA256SUMS states for known files, and the findings about it."""
     if not path.is_file():
         return {}, [Finding(SUMS, "", "it is not there")]
     sums, wrong = {}, []
@@ -143,11 +143,11 @@ def _sums(path: Path, known: set[str]) -> tuple[dict[str, str], list[Finding]]:
 
 
 def _shard(path: Path, name: str, share: float, trusted: bool) -> Iterator[Finding]:
-    """Yield what is wrong with a shard; one whose bytes may be wrong is looked into by a child process."""
+    """Yield the findings about a shard; a child process reads a shard whose bytes may be wrong."""
     if trusted:
         found = _inside(str(path), share)
     else:
-        limits = {"seconds": _SECONDS, "memory_mb": _MEMORY_MB}
+        limits = {"seconds": _SHARD_SECONDS, "memory_mb": _SHARD_MEMORY_MB}
         try:
             found = run_limited(_inside, str(path), share, **limits, what="Reading it")
         except Refused as refused:
@@ -156,7 +156,7 @@ def _shard(path: Path, name: str, share: float, trusted: bool) -> Iterator[Findi
 
 
 def _inside(path: str, share: float) -> list[tuple[str, str]]:
-    """Return what is wrong in a shard, as pairs of object and sentence."""
+    """Return the findings inside a shard, as pairs of object and sentence."""
     import h5py
 
     from vibraverse.dataset.check.recompute import repeats
@@ -170,7 +170,7 @@ def _inside(path: str, share: float) -> list[tuple[str, str]]:
 
 
 def _table(path: Path, name: str) -> list[Finding]:
-    """Return the first line of a table that is not what the shards say, with its object; none if they cannot tell."""
+    """Return the first line of a table that differs from the shards, with its object; [] if a shard is broken."""
     from vibraverse.dataset.read.index import of_shards, splits_at
 
     try:
@@ -190,8 +190,8 @@ def _table(path: Path, name: str) -> list[Finding]:
 
 
 def _columns(file: Path, index) -> list[Finding]:
-    """Return the first row of the index by column that is not what the shards say, with its object."""
-    limits = {"seconds": _SECONDS, "memory_mb": _MEMORY_MB}
+    """Return the first row of the columnar index that differs from the shards, with its object."""
+    limits = {"seconds": _SHARD_SECONDS, "memory_mb": _SHARD_MEMORY_MB}
     try:
         found = run_limited(_differences, file, index, **limits, what="reading it")
     except Refused as refused:
@@ -200,7 +200,7 @@ def _columns(file: Path, index) -> list[Finding]:
 
 
 def _differences(file: Path, index) -> list[tuple[str, str]]:
-    """Return what in an index by column differs from another index, as pairs of object and sentence."""
+    """Return the differences of a columnar index from another index, as pairs of object and sentence."""
     from vibraverse.dataset.read.index import read_index
 
     try:

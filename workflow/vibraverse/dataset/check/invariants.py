@@ -1,8 +1,8 @@
-"""The equations that the numbers of one object satisfy, whatever made them: cheap, so all of them are asked.
+"""The equations that the numbers of every object satisfy. They are cheap, so all objects are checked.
 
 Positive volumes of the elements and their sum, ``m = ρV``, ``s = L / 1.8``, ascending frequencies, ``d = ½(α + βω²)``,
-``ω_d = sqrt(ω² - d²)``, mode shapes orthonormal in the mass and orthogonal in the stiffness with ``ω²``, faces that
-name vertices, sounds as long as they say.
+``ω_d = sqrt(ω² - d²)``, mode shapes orthonormal in the mass and orthogonal in the stiffness with ``ω²``, valid vertex
+indices in faces, sounds of the stated duration.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from vibraverse.contract.texts import and_more
 from vibraverse.files.basis import read_basis
 from vibraverse.flow.paths import SOLIDITIES
 from vibraverse.geometry import LONGEST_SIDE
@@ -18,16 +19,16 @@ from vibraverse.geometry.moments import scale_free_moments
 from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.modes import departure
 
-#: Largest relative difference between a stored number and the same number from others: rounding, nothing else.
+#: Largest relative difference, by rounding, between a stored number and the same computed from other numbers.
 ROUNDING = 1e-9
-#: The same for what mode shapes must satisfy, whose coefficients have single precision.
-ORTHOGONAL = 1e-5
-#: Wrong modes that a finding names.
-_NAMED = 8
+#: Largest deviation of mode shapes from orthonormality; their coefficients have single precision.
+ORTHOGONALITY = 1e-5
+#: Wrong modes that a finding lists.
+_SHOWN_MODES = 8
 
 
 def violated(group) -> Iterator[str]:
-    """Yield what an object's group, whose fields have their types and shapes, holds that cannot be."""
+    """Yield the violated equations of an object's group; its fields must have the right types and shapes."""
     if "refusal_reason" in group.attrs:
         return
     for place in ("surface", "coarse", "hollow/boundary"):
@@ -98,7 +99,7 @@ def _material(material, volume_m3: float) -> Iterator[str]:
     damping, damped = rayleigh_damping(omega, values["alpha_per_s"], values["beta_s"])
     if not _same(material["damping_per_s"][()], damping):
         yield "damping_per_s is not ½(α + β ω²)"
-    # Near critical damping ω² and d² cancel: the difference counts against ω.
+    # Near critical damping ω² and d² cancel, so the difference is relative to ω.
     if np.abs(2 * np.pi * material["damped_frequencies_hz"][()] - damped).max() > 1e-6 * omega.max():
         yield "damped_frequencies_hz is not sqrt(ω² - d²)"
 
@@ -109,11 +110,11 @@ def _mode_shapes(basis, material, scale_m: float) -> Iterator[str]:
     if coefficients.shape[1] not in most:
         yield f"mode_coefficients has {coefficients.shape[1]} columns, not {most[0]} or {most[1]}"
         return
-    wrong = departure(basis, dict(material.attrs), scale_m, hz, coefficients) > ORTHOGONAL
+    wrong = departure(basis, dict(material.attrs), scale_m, hz, coefficients) > ORTHOGONALITY
     if wrong.any():
         modes = np.flatnonzero(wrong).tolist()
-        more = f" and {len(modes) - _NAMED} more" if len(modes) > _NAMED else ""
-        yield f"mode_coefficients{modes[:_NAMED]}{more} are no modes of the stored basis at these frequencies"
+        named = " ".join([str(modes[:_SHOWN_MODES]), *and_more(len(modes), _SHOWN_MODES)])
+        yield f"mode_coefficients{named} are no modes of the stored basis at these frequencies"
 
 
 def _same(a, b) -> bool:

@@ -1,8 +1,8 @@
-"""Making numbers of the dataset again from others in it: frequencies and the spectrum by which copies are found from
-the basis, sounds from the modes.
+"""Recomputation of numbers in the dataset from others in it.
 
-This is what says that labels and inputs belong together. It costs a tenth of a second an item, so a sample of the
-items is asked, by a hash of their names: the same ones every time, and others in every object.
+Frequencies and the spectrum that identifies copies are recomputed from the basis, sounds from the modes. This proves
+that labels and inputs belong together. It costs a tenth of a second per item, so it covers a sample of the items. A
+hash of their names chooses them: the same ones every time, and different ones in every object.
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from vibraverse.flow.paths import SOLIDITIES
 from vibraverse.physics.materials import PARAMETERS, sampled_name, sampled_number
 
 #: Largest relative difference of a recomputed frequency: machines round differently, and eigenvalues amplify that.
-FREQUENCY = 1e-6
-#: Largest difference of a recomputed sample, of full scale: eight steps of 24 bits, or one step of 16.
-SAMPLE = {"PCM_24": 8 / 2**23, "PCM_16": 2 / 2**15}
+FREQUENCY_TOLERANCE = 1e-6
+#: Largest difference of a recomputed sample relative to full scale: eight steps of 24 bits, or one step of 16 bits.
+SAMPLE_TOLERANCE = {"PCM_24": 8 / 2**23, "PCM_16": 2 / 2**15}
 
 
 def repeats(share: float) -> Callable[[str, object, dict], Iterator[str]]:
@@ -33,9 +33,9 @@ def repeats(share: float) -> Callable[[str, object, dict], Iterator[str]]:
 
 
 def again(object_id: str, group, making: dict, share: float = 1.0) -> Iterator[str]:
-    """Yield where numbers of an object, made again, are not those it holds.
+    """Yield the recomputed numbers of an object that differ from the stored ones.
 
-    ``making`` is how the shard was made. Sounds are left out where their options differ from object to object.
+    ``making`` states how the shard was made. Sounds are skipped if their options vary between objects.
     """
 
     def asked(*names: str) -> bool:
@@ -63,7 +63,7 @@ def _spectrum(group) -> Iterator[str]:
 
     stored = group["shape/spectrum"][()]
     found = scale_free_spectrum(read_basis(group["solid/basis"], surface=False))
-    if len(found) != len(stored) or np.abs(found / stored - 1).max() > FREQUENCY:
+    if len(found) != len(stored) or np.abs(found / stored - 1).max() > FREQUENCY_TOLERANCE:
         yield "shape/spectrum is not that of the solid body's stored basis"
 
 
@@ -88,11 +88,11 @@ def _frequencies(body, material: str, making: dict) -> Iterator[str]:
         yield f"the basis has {len(found.frequencies_hz)} modes, frequencies_hz {len(hz)}"
         return
     error = np.abs(found.frequencies_hz / hz - 1)
-    if error.max() > FREQUENCY:
+    if error.max() > FREQUENCY_TOLERANCE:
         worst = int(error.argmax())
         yield (
             f"frequencies_hz[{worst}] = {hz[worst]:.6g} Hz, but the stored basis gives "
-            f"{found.frequencies_hz[worst]:.6g} Hz (tolerance {FREQUENCY:g} of it)"
+            f"{found.frequencies_hz[worst]:.6g} Hz (tolerance {FREQUENCY_TOLERANCE:g} of it)"
         )
 
 
@@ -122,5 +122,5 @@ def _sounds(body, material: str, making: dict) -> Iterator[str]:
             yield f"the sound {name} has {len(stored)} samples, but the stored modes give {len(sound.samples)}"
             continue
         error = np.abs(sound.samples * stored.attrs["gain"] - stored[()]).max()
-        if error > SAMPLE[options["subtype"]]:
+        if error > SAMPLE_TOLERANCE[options["subtype"]]:
             yield f"the sound {name} differs by {error:.2g} of full scale from what the stored modes give"

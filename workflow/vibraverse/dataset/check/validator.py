@@ -1,8 +1,8 @@
-"""Whether a shard is what the schema says, field by field: presence, types, shapes, units, ranges, checksums, index.
+"""The check of a shard against the schema, field by field: presence, types, shapes, units, ranges, checksums, index.
 
-The equations that its numbers must satisfy are in :mod:`vibraverse.dataset.check.invariants`, and recomputing in
-:mod:`vibraverse.dataset.check.recompute`. A shard with a wrong byte may be broken in any way, so what HDF5 raises is a
-finding about the object where it was raised.
+The equations that its numbers must satisfy are in :mod:`vibraverse.dataset.check.invariants`, the recomputation in
+:mod:`vibraverse.dataset.check.recompute`. A shard with a wrong byte may be broken in any way, so an error from HDF5 is
+a finding about the object that raised it.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ import re
 from collections.abc import Iterator
 
 from vibraverse.contract.refusal import said
+from vibraverse.contract.texts import and_more
 from vibraverse.dataset import schema
 from vibraverse.dataset.check.invariants import violated
 from vibraverse.dataset.schema import stored
@@ -23,19 +24,19 @@ from vibraverse.dataset.write.making import VARIES
 from vibraverse.dataset.write.pack import index_row
 from vibraverse.flow.paths import SOLIDITIES
 
-#: Differing fields that a finding names.
-_NAMED = 3
-#: Fields that refused objects have, too.
+#: Changed fields that a finding names.
+_SHOWN_FIELDS = 3
+#: Fields that refused objects also have.
 _ALWAYS = (schema.CHECKSUMS,)
-#: Fields of which every material has one.
+#: Fields for mode shapes; every material has one of them.
 _SHAPES = ("mode_coefficients", "mode_shapes")
-#: What HDF5 and NumPy raise where bytes are wrong, and what is read from them does not fit.
+#: Types of the errors that HDF5 and NumPy raise for damaged bytes, and for values that do not fit.
 DAMAGE = (ArithmeticError, LookupError, MemoryError, OSError, RuntimeError, ValueError)
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
 def problems(h5, repeats=None) -> list[tuple[str, str]]:
-    """Return what in an open shard is wrong: the object (empty: the shard itself) and a sentence; none if it is valid.
+    """Return the findings about an open shard: object ("" for the shard itself) and sentence; [] if it is valid.
 
     ``repeats(object_id, group, making)`` yields more findings about an object that is otherwise sound.
     """
@@ -69,7 +70,7 @@ def problems(h5, repeats=None) -> list[tuple[str, str]]:
 
 
 def _making(text: str) -> dict:
-    """Return how a shard was made: by stage, with the options of each."""
+    """Return how a shard was made: versions and options by stage."""
     making = json.loads(text)
     stages = list(making.values()) if isinstance(making, dict) else [None]
     if not all(isinstance(stage, dict) and isinstance(stage.get("options", {}), dict) for stage in stages):
@@ -78,7 +79,7 @@ def _making(text: str) -> dict:
 
 
 def _by_object(table: str, columns: Columns) -> dict[str, list[dict]]:
-    """Return the rows of a table by their objects."""
+    """Return the rows of a table by object."""
     found: dict[str, list[dict]] = {}
     for row in from_tsv(table, columns):
         found.setdefault(row["object"], []).append(row)
@@ -88,15 +89,15 @@ def _by_object(table: str, columns: Columns) -> dict[str, list[dict]]:
 def _of_object(
     object_id: str, group, rows: list[dict], refusals: list[dict], optional: list[str]
 ) -> Iterator[str]:
-    """Yield what is wrong with one object; checksums first, for they say most. It may lack what is ``optional``."""
+    """Yield the findings about one object, checksums first, because they say most. It may lack ``optional`` fields."""
     if schema.CHECKSUMS not in group:
         yield f"it has no {schema.CHECKSUMS!r}"
         return
     wrong = differences(group)
     sound = not wrong
     if wrong:
-        more = f" and {len(wrong) - _NAMED} more" if len(wrong) > _NAMED else ""
-        yield f"not as it was written: {', '.join(wrong[:_NAMED])}{more}"
+        named = " ".join([", ".join(wrong[:_SHOWN_FIELDS]), *and_more(len(wrong), _SHOWN_FIELDS)])
+        yield f"not as it was written: {named}"
     contents = _contents(group)
     unknown = [path for path in contents if not schema.knows(path) or _misplaced(path, contents[path])]
     for path in unknown:
@@ -133,7 +134,7 @@ def _contents(group) -> dict[str, object]:
 
 
 def _misplaced(path: str, item) -> bool:
-    """Return whether an attribute stands where the table has an array, or the other way round."""
+    """Return whether an attribute takes the place of a dataset, or the other way round."""
     import h5py
 
     return schema.field_at(path).is_attribute == isinstance(item, h5py.Dataset)
@@ -176,7 +177,7 @@ def _is_record(text: str) -> bool:
 def _expected(group) -> Iterator[str]:
     """Yield the path of every field that an object with these bodies, materials, looks and sounds must have.
 
-    Where it has none of them, the wildcard stands in the path.
+    If it has none of them, the path keeps the wildcard.
     """
     refused = "refusal_reason" in group.attrs
     bodies = {
@@ -202,14 +203,14 @@ def _expected(group) -> Iterator[str]:
 
 
 def _shapes_of(name: str, place: str, group) -> Iterator[str]:
-    """Yield where materials have their mode shapes: in the basis, or as they are where it was not good enough."""
+    """Yield the paths of the materials' mode shapes: coefficients in the basis, or shapes solved on the mesh."""
     for material, values in stored.members(group, place).items():
         if bool(values.attrs.get("solved_directly")) == (name == "mode_shapes"):
             yield f"{place}/{material}/{name}"
 
 
 def _filled(path: str, group) -> Iterator[str]:
-    """Yield the paths that a pattern means in a group, by the names that the group has at its wildcard."""
+    """Yield the paths in a group that match a pattern, with each name that the group has at the wildcard."""
     found = re.match(r"(.*)/({\w+})", path)
     if found is None:
         yield path
@@ -219,7 +220,7 @@ def _filled(path: str, group) -> Iterator[str]:
 
 
 def _shapes(contents: dict) -> Iterator[str]:
-    """Yield every shape that is not the table's; a letter is one number wherever it stands for the same thing."""
+    """Yield every shape that contradicts the table; a letter is the same number wherever it means the same thing."""
     known: dict[tuple[str, str], int] = {}
     waiting = []
     for path, item in contents.items():
@@ -245,7 +246,7 @@ def _shapes(contents: dict) -> Iterator[str]:
 
 
 def _meant(path: str, letter: str) -> tuple[str, str]:
-    """Return what a letter in the shape of the field at ``path`` stands for: where it counts, and itself."""
+    """Return the scope of a letter in the shape of the field at ``path``, and the letter."""
     place = path.rpartition("/")[0]
     if letter == "samples":
         place = path
@@ -257,7 +258,7 @@ def _meant(path: str, letter: str) -> tuple[str, str]:
 
 
 def _index(object_id: str, group, rows: list[dict], refusals: list[dict]) -> Iterator[str]:
-    """Yield where the shard's own rows of the index are not those of the object's group."""
+    """Yield the differences between the shard's rows of the index and the object's group."""
     for row in rows:
         place = {name: row[name] for name in ("solidity", "material", "shard")}
         found = from_tsv(

@@ -1,1 +1,1 @@
-"""What a dataset shows to others."""
+"""Publication of a dataset: card, metadata, exports and views of several datasets."""

@@ -1,4 +1,4 @@
-"""The dataset's card: what it holds, whose it is, what it does not know, how to cite and how to rebuild it."""
+"""The dataset's card: its content, licences, limits, citation and how to rebuild it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ with vibraverse.dataset.open("{folder}") as reader:
     for sample in reader.where(split="train", material="{material}"):
         print(sample["object"], sample["solidity"], sample["frequencies_hz"][0])
 ```"""
-#: What a user should know before trusting a number, whatever the objects.
+#: Limits that a user should know before trusting a number, for all objects.
 LIMITS = (
     "Sounds are the motion of the modes, not the radiated sound: how well a mode moves the air, the striker's hardness "
     "and the room are not in them.",
@@ -49,8 +49,8 @@ _MATERIAL_HEADINGS = ("ρ kg/m³", "E Pa", "ν", "α 1/s", "β s")
 def card(record: dict, options, attributions: Iterable[str], sheet: str) -> str:
     """Return the README of a dataset, Markdown.
 
-    ``record`` is the content of ``dataset.json``, ``options`` the configuration's section ``dataset.card``,
-    ``attributions`` whom the sources' licences ask to name, ``sheet`` the file of the overview picture ("" for none).
+    ``record`` is the content of ``dataset.json``, ``options`` the section ``dataset.card`` of the configuration.
+    ``attributions`` are those that the sources' licences ask for. ``sheet`` is the overview picture ("" for none).
     """
     counts = record["counts"]
     sections = [f"# {options.name}", options.description]
@@ -122,12 +122,12 @@ def cite(options) -> str:
 
 
 def licences(record: dict, options) -> list[str]:
-    """Return the licence the configuration states, else those of the sources."""
+    """Return the licence that the configuration states, else those of the sources."""
     return [options.licence] if options.licence else list(record["objects_by_licence"])
 
 
 def export_card(reader: Reader, kind: str, folder: Path, files: Iterable[Path]) -> str:
-    """Return the README of an export, with the header from which ``datasets.load_dataset(folder)`` finds the splits."""
+    """Return the README of an export; ``datasets.load_dataset(folder)`` reads the splits from its header."""
     names = [path.relative_to(folder).as_posix() for path in files]
     splits = [split or "all" for split in reader.items.column("split").present()]
     tables = [name for name in names if name.startswith("data/")]
@@ -155,7 +155,7 @@ def export_card(reader: Reader, kind: str, folder: Path, files: Iterable[Path]) 
 
 
 def overview(reader: Reader, most: int = 24, side: int = 128) -> bytes:
-    """Return a picture of some of the objects, the first view of each, as a PNG file; one white tile where none is."""
+    """Return a PNG file with the first views of some objects; one white tile without objects."""
     import io
 
     from PIL import Image

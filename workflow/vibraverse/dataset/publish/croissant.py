@@ -1,7 +1,7 @@
 """The dataset's metadata in Croissant 1.0 (JSON-LD), which dataset searches and loaders read.
 
-Its vocabulary: http://mlcommons.org/croissant/1.0. The tables and every shard are files with their checksums; the rows
-of the index and of the splits are record sets whose fields say their column, type and meaning.
+Vocabulary: http://mlcommons.org/croissant/1.0. The tables and all shards are files with checksums. The rows of the
+index and of the splits are record sets; their fields state column, type and meaning.
 """
 
 from __future__ import annotations
@@ -37,8 +37,9 @@ _ENCODINGS = {".tsv": "text/tab-separated-values", ".h5": "application/x-hdf5"}
 def croissant(record: dict, card, files: dict[str, dict]) -> dict:
     """Return the JSON-LD of a dataset.
 
-    ``record`` is the content of ``dataset.json``, ``card`` the configuration's section, ``files`` bytes and SHA-256 by
-    path in the dataset's folder. What the configuration leaves out (address, date) is left out here.
+    ``record`` is the content of ``dataset.json``, ``card`` the section ``dataset.card`` of the configuration. ``files``
+    maps paths in the dataset's folder to bytes and SHA-256. Keys without a value in ``card`` (address, date) are left
+    out.
     """
     known = {
         "url": card.url,

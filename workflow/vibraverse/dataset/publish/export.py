@@ -1,4 +1,4 @@
-"""The items of a reader in the forms other programs read: WebDataset tars, and JSON lines or Parquet for ``datasets``.
+"""Exports of a reader's items for other programs: WebDataset tars, and JSON lines or Parquet for ``datasets``.
 
 Every file is bounded in size, appears whole or not at all, and has the same bytes for the same items.
 """
@@ -18,20 +18,20 @@ from vibraverse.dataset import schema
 from vibraverse.dataset.read.items import Items
 from vibraverse.dataset.read.reader import DEFAULT_FIELDS, Reader
 
-#: What an export holds unless asked otherwise.
+#: Fields of an export by default.
 EXPORTED = (*DEFAULT_FIELDS, "mass_kg", "occupancy", "sound", "views")
-#: Columns of the index that go with every item.
+#: Columns of the index that every item includes.
 _COLUMNS = ("object", "solidity", "material", "split", "origin", "category", "licence")
-#: More numbers than this in one array are no longer written as JSON text.
-_MOST_AS_TEXT = 65_536
+#: Largest array, in numbers, that is written as JSON text.
+_MAX_JSON_NUMBERS = 65_536
 
 
 class CannotExport(ValueError):
-    """A field or a table that the form asked for cannot hold; one sentence."""
+    """A field or a table that the requested format cannot hold; one sentence."""
 
 
 def by_split(reader: Reader) -> dict[str, Items]:
-    """Return the items of each split, in the order of the index; those of a shard alone, as ``all``."""
+    """Return the items of each split in the order of the index; items of a single shard are in ``all``."""
     column = reader.items.column("split")
     return {
         split or "all": reader.items.part(np.flatnonzero(column.among({split}))) for split in column.present()
@@ -44,7 +44,7 @@ def webdataset(
     """Write ``{split}-00000.tar``, …: an item is a group of files ``{object}__{solidity}__{material}.{what}``.
 
     ``json`` holds texts and numbers, ``{field}.npy`` an array, ``wav`` the sound, ``{view}.png`` the pictures. Returns
-    the files written; a tar ends when it would exceed ``most_bytes``.
+    the files written. A new tar begins before one would exceed ``most_bytes``.
     """
     written = []
     for split, items in by_split(reader).items():
@@ -54,7 +54,9 @@ def webdataset(
         ):
             with whole(folder / f"{split}-{number:05d}.tar") as partial, tarfile.open(partial, "w") as tar:
                 for name, content in (member for sample in part for member in sample):
-                    about = tarfile.TarInfo(name)  # its time is 0, its owner nobody
+                    about = tarfile.TarInfo(
+                        name
+                    )  # time 0 and no owner, so that the same items give the same bytes
                     about.size = len(content)
                     tar.addfile(about, io.BytesIO(content))
             written.append(folder / f"{split}-{number:05d}.tar")
@@ -67,8 +69,8 @@ def tables(
 ) -> list[Path]:
     """Write ``data/{split}-00000.jsonl`` or ``.parquet``, …, a row per item; return all files written.
 
-    Sounds and pictures are files below ``sounds/`` and ``views/``, named by the row, paths relative to ``folder``.
-    Raises :class:`CannotExport` for an array too large for JSON, and where Parquet is wanted without pyarrow.
+    Sounds and pictures are files below ``sounds/`` and ``views/``; rows name them by paths relative to ``folder``.
+    Raises :class:`CannotExport` for an array too large for JSON, and for Parquet without pyarrow.
     """
     write, suffix = (_write_parquet, "parquet") if parquet else (_write_json_lines, "jsonl")
     media: dict[Path, None] = {}
@@ -85,7 +87,7 @@ def tables(
 
 
 def checksums(folder: Path, files: Iterable[Path]) -> dict[str, dict]:
-    """Return bytes and SHA-256 of files by their path in the folder."""
+    """Return bytes and SHA-256 of files by path in the folder."""
     return {
         path.relative_to(folder).as_posix(): {"bytes": path.stat().st_size, "sha256": sha256(path)}
         for path in sorted(files)
@@ -93,7 +95,7 @@ def checksums(folder: Path, files: Iterable[Path]) -> dict[str, dict]:
 
 
 def _parts(samples: Iterable, size_of: Callable, most_bytes: int) -> Iterator[list]:
-    """Yield lists of samples of at most ``most_bytes`` together, or of one that is larger alone."""
+    """Yield lists of samples of at most ``most_bytes`` together; a larger sample has a list of its own."""
     part, size = [], 0
     for sample in samples:
         more = size_of(sample)
@@ -111,7 +113,7 @@ def _tar_size(member: tuple[str, bytes]) -> int:
 
 
 def _about(reader: Reader, item: dict) -> tuple[dict, dict[str, np.ndarray]]:
-    """Return what of an item is text or number, and its arrays, by field; sounds and pictures are neither."""
+    """Return an item's texts and numbers, and its arrays, both by field and without sounds and pictures."""
     place = {name: item[name] for name in ("object", "solidity", "material")}
     plain, arrays = {name: item[name] for name in _COLUMNS}, {}
     for name in reader.fields:
@@ -126,7 +128,7 @@ def _about(reader: Reader, item: dict) -> tuple[dict, dict[str, np.ndarray]]:
 
 
 def _sound(reader: Reader, item: dict) -> bytes | None:
-    """Return the sound of an item as a WAV file of 24 bits, which is what it was; None where there is none."""
+    """Return the sound of an item as a 24-bit WAV file, the bit depth of its samples; None without a sound."""
     import soundfile
 
     place = {name: item[name] for name in ("object", "solidity", "material")}
@@ -139,7 +141,7 @@ def _sound(reader: Reader, item: dict) -> bytes | None:
 
 
 def _pictures(reader: Reader, item: dict) -> tuple[str, list[bytes]]:
-    """Return the look of an item's pictures and their PNG files, none where they were not asked for."""
+    """Return the look of an item's pictures and their PNG files; no files if pictures were not requested."""
     look = item["material"] if reader.look == "material" else reader.look
     if "views" not in reader.fields:
         return look, []
@@ -165,7 +167,7 @@ def _members(reader: Reader, item: dict) -> list[tuple[str, bytes]]:
 def _row(reader: Reader, item: dict, folder: Path, media: dict[Path, None], parquet: bool) -> dict:
     plain, arrays = _about(reader, item)
     for name, array in arrays.items():
-        if array.size > _MOST_AS_TEXT and not parquet:
+        if array.size > _MAX_JSON_NUMBERS and not parquet:
             raise CannotExport(
                 f"{name} holds {array.size:,} numbers for every item, too many for JSON: leave it out, or choose "
                 "--parquet or --format webdataset"

@@ -1,8 +1,8 @@
 """One view of several datasets: a small HDF5 file whose objects are links into their shards.
 
-A view has the layout of a shard, so whatever reads a shard reads it; the arrays stay where they are. Datasets may be
-joined when they were made alike, so that their numbers can be compared: by the same stage versions and options, but for
-those that change no number or that the index states of every row.
+A view has the layout of a shard, so everything that reads shards reads it; the arrays stay where they are. Datasets can
+be joined if they were made with the same stage versions and options, so that their numbers are comparable. Options that
+change no number, or that the index states for every row, may differ.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from vibraverse.dataset.split.assignment import Splits, assign
 from vibraverse.dataset.split.copies import fingerprints_of, groups
 from vibraverse.dataset.write.making import VARIES, join
 
-#: Options in which joined datasets may differ: limits of tools, and what the index states of every row.
-_FREE = {"limits", "sampled", "solidities", "looks", "size_m", "size_origin", "default_size_m"}
+#: Options in which joined datasets may differ: limits of tools, and those that the index states for every row.
+_COMPATIBLE_OPTIONS = {"limits", "sampled", "solidities", "looks", "size_m", "size_origin", "default_size_m"}
 
 
 class NotAlike(ValueError):
-    """Datasets that cannot be joined, said in one sentence."""
+    """Datasets that cannot be joined; one sentence."""
 
 
 def join_datasets(folders: Sequence[Path], out: Path) -> int:
-    """Write a view of datasets (folders, or single shards) to ``out``; return how many objects it holds.
+    """Write a view of datasets (folders or single shards) to ``out``; return the number of its objects.
 
-    An object that several hold counts once when it is the same in all. Raises :class:`NotAlike` when the datasets were
-    made differently or hold different objects of one name, :class:`ValueError` for a shard of another schema or an
-    ``out`` that holds something else than a view, and :class:`FileNotFoundError` for what is no dataset.
+    An object in several datasets counts once if it is the same in all. Raises :class:`NotAlike` if the datasets were
+    made differently or hold different objects of one name. Raises :class:`ValueError` for a shard of another schema and
+    for an existing ``out`` that is not a view. Raises :class:`FileNotFoundError` for a path that is not a dataset.
     """
     import h5py
 
@@ -75,7 +75,7 @@ def _is_view(path: Path) -> bool:
 
 
 class _View:
-    """What a view will show, shard by shard."""
+    """The content of a view, collected shard by shard."""
 
     def __init__(self, out: Path):
         self._out = out
@@ -89,7 +89,7 @@ class _View:
         self._fingerprints: dict[str, tuple] = {}
 
     def splits(self) -> Splits:
-        """Return the splits of all objects: each dataset's own, but copies in several stand on the first one's side."""
+        """Return the splits of all objects: those of each dataset, but copies across datasets follow the first."""
         return assign(groups(self._fingerprints), Dataset().splits, kept=self._kept)
 
     def add(self, folder: Path, shard: Path, reader: Reader, h5) -> None:
@@ -119,9 +119,9 @@ class _View:
         self.refusals += [row for row in reader.refusals if row["object"] in fresh]
 
     def _compare(self, making: dict, folder: Path) -> None:
-        """Compare how each stage was made with the first dataset that has it; remember what is new."""
+        """Compare versions and options of each stage with the first dataset that has it; keep those that are new."""
         for stage, how in making.items():
-            # Which mesh an object is made of is an option of `sources`, and no reason.
+            # The options of `sources` name each object's mesh, so they differ and do not count.
             mine = {
                 "version": how.get("stage_version"),
                 "options": how["options"] if stage != "sources" else {},
@@ -136,13 +136,13 @@ class _View:
 
 
 def _difference(a, b, place: str) -> str:
-    """Return the first difference that matters, as ``tets.target_elements is 5000 and 8000``; empty where none does."""
+    """Return the first difference that matters, as ``tets.target_elements is 5000 and 8000``; "" if none does."""
     if a == b or VARIES in (a, b):
         return ""
     if not (isinstance(a, dict) and isinstance(b, dict)):
         return f"{place} is {json.dumps(a, ensure_ascii=False)} and {json.dumps(b, ensure_ascii=False)}"
-    # Of the materials only those of one name are held against each other; the index says which there are.
-    keys = a.keys() & b.keys() if place.endswith(".materials") else {*a, *b} - _FREE
+    # Only materials of the same name are compared; the index states which ones there are.
+    keys = a.keys() & b.keys() if place.endswith(".materials") else {*a, *b} - _COMPATIBLE_OPTIONS
     for key in sorted(keys):
         found = _difference(a.get(key), b.get(key), place if key == "options" else f"{place}.{key}")
         if found:

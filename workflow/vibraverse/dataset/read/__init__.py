@@ -1,1 +1,1 @@
-"""Reading a dataset."""
+"""Readers of a dataset."""

@@ -1,8 +1,8 @@
-"""Materials and sizes drawn anew for every sample of every epoch, with exact labels, from the stored modal basis.
+"""Fresh materials and sizes for every sample of every epoch, with exact labels from the stored modal basis.
 
-One item per body. A label is what the stage ``modes`` would have computed for that material and size: a dense problem
-of a few hundred unknowns, some 15 milliseconds. Item ``i`` of epoch ``e`` depends on the seed, ``e`` and the body
-alone, whichever worker makes it.
+One item per body. Labels equal those that the stage ``modes`` computes for that material and size: a dense problem of a
+few hundred unknowns, about 15 milliseconds. Item ``i`` of epoch ``e`` depends only on the seed, ``e`` and the body, not
+on the worker.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from vibraverse.physics.shapes import mode_shapes
 
 #: Name of the material of every item.
 FRESH = "fresh"
-#: Fields that depend on size and material, and so are computed.
+#: Fields that depend on size and material, and are therefore computed.
 COMPUTED = (
     "size_m", "scale_m", "volume_m3", "density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s", "mass_kg",
     "frequencies_hz", "damping_per_s", "damped_frequencies_hz", "relative_error", "discretisation_error",
@@ -36,12 +36,12 @@ COMPUTED = (
 class FreshItems:
     """The bodies among a reader's items, each with a material and a size drawn for the epoch.
 
-    ``ranges`` override those of :class:`vibraverse.config.physics.Sampled` by parameter; sizes are drawn evenly in the
-    logarithm from ``size_m``, or kept as stored where it is None. ``bases`` is how many modal bases, half a megabyte
-    each, a process keeps. :attr:`epoch` may be set before each pass.
+    ``ranges`` override those of :class:`vibraverse.config.physics.Sampled` by parameter. Sizes are drawn
+    log-uniformly from ``size_m``; None keeps the stored size. ``bases`` is the number of modal bases, half a megabyte
+    each, that a process caches. Set :attr:`epoch` before each pass to draw anew.
 
-    Raises :class:`KeyError` for a field that only a stored material has, :class:`ValueError` for a range that the basis
-    does not hold for.
+    Raises :class:`KeyError` for a field that only a stored material has, :class:`ValueError` for a range outside that
+    of the basis.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class FreshItems:
 
     @property
     def items(self) -> Items:
-        """One row of the index for each body: that of its first item."""
+        """One row of the index per body: that of its first item."""
         return self.reader.items
 
     def __getitem__(self, index: int) -> dict:
@@ -83,7 +83,7 @@ class FreshItems:
         return {**place, "material": FRESH, **fields}
 
     def close(self) -> None:
-        """Close the files of this process and forget the bases."""
+        """Close the files of this process and drop the cached bases."""
         self._bases.clear()
         self.reader.close()
 
@@ -108,7 +108,7 @@ class FreshItems:
         return {name: np.asarray(value)[()] for name, value in {**size, **material, **computed}.items()}
 
     def _basis(self, object: str, solidity: str):
-        """Return a body's basis without its surface, from memory where it was read lately."""
+        """Return a body's basis without its surface, from the cache if possible."""
         key = object, solidity
         if key not in self._bases:
             basis = read_basis(self.reader.group(object)[f"{solidity}/basis"], surface=False)
@@ -126,13 +126,13 @@ class FreshItems:
 
 
 def _bodies(reader: Reader) -> np.ndarray:
-    """Return the positions of each body's first item: by object, the solid body first."""
+    """Return the positions of each body's first item, by object, the solid body first."""
     firsts = reader.items.firsts("object", "solidity")
     objects, solidities = (reader.items.column(name)[firsts] for name in ("object", "solidity"))
     return firsts[np.lexsort((solidities.among({"hollow"}), objects.ranks()))]
 
 
 def _corrected(reader: Reader) -> bool:
-    """Return whether the stored frequencies are corrected, as far as the shards agree on it."""
+    """Return whether the stored frequencies are corrected, if all shards agree."""
     said = {str(one.get("modes", {}).get("options", {}).get("corrected", True)) for one in reader.making()}
     return said != {"False"}

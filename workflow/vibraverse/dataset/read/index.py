@@ -1,7 +1,7 @@
-"""The index of a dataset: its rows by column, which shard holds which object, and what was refused.
+"""The index of a dataset: its rows by column, the shard of every object, and the refusals.
 
-A dataset's folder holds it in one file, ``index.h5``, of which only the columns that are asked for are read. Where the
-file does not exist, or is not what ``dataset.json`` states of it and of the shards, the shards say the same, slower.
+A dataset's folder holds it in one file, ``index.h5``, of which readers load only the columns they need. If the file
+does not exist, or differs from what ``dataset.json`` states, the same index is read from the shards, more slowly.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from vibraverse.dataset.schema.tables import from_tsv
 
 #: Names in a dataset's folder.
 _RECORD, _FILE, _SPLITS = "dataset.json", "index.h5", "splits.tsv"
-#: The tables of an index, by their groups in ``index.h5``, with their columns.
+#: The tables of an index, by group in ``index.h5``, with their columns.
 TABLES = {
     schema.ITEMS: schema.INDEX_COLUMNS,
     schema.OBJECTS: schema.OBJECT_COLUMNS,
@@ -30,10 +30,10 @@ TABLES = {
 
 
 class Index:
-    """What a dataset holds: ``shards`` by name, and the tables ``items``, ``objects`` and ``refusals``.
+    """The content of a dataset: ``shards`` by name, and the tables ``items``, ``objects`` and ``refusals``.
 
-    An index of a folder or a file (``source``) is pickled as that path and its ``identity``, and read again where it
-    is unpickled; any other one is pickled with its columns.
+    The index of a folder or a file (``source``) is pickled as that path and its ``identity``, and read again when
+    unpickled. Any other index is pickled with its columns.
     """
 
     def __init__(
@@ -53,12 +53,12 @@ class Index:
 
     @cached_property
     def shard_of(self) -> dict[str, str]:
-        """The name of the shard of every object, those that were refused included."""
+        """The name of the shard of every object, refused ones included."""
         objects = self.tables[schema.OBJECTS]
         return dict(zip(objects.column("object").tolist(), objects.column("shard").tolist(), strict=True))
 
     def placed(self, splits: dict[str, str]) -> Index:
-        """Return the index with the splits of its objects: "" where ``splits`` names none."""
+        """Return the index with the splits of its objects; "" for an object that ``splits`` does not name."""
         objects = self.items.column("object")
         of_each = Texts.of([splits.get(one, "") for one in objects.values])
         split = Texts(of_each.codes[objects.codes], of_each.values)
@@ -74,7 +74,7 @@ class Index:
 def index_at(path: str | Path) -> Index:
     """Return the index of a dataset's folder, of one shard, or of a view of several datasets.
 
-    Raises :class:`FileNotFoundError` when there is no dataset, and what :func:`of_shards` raises.
+    Raises :class:`FileNotFoundError` if the dataset does not exist, and the errors of :func:`of_shards`.
     """
     path = Path(path)
     index = None if path.is_file() else _stored(path)
@@ -85,9 +85,9 @@ def index_at(path: str | Path) -> Index:
 
 
 def of_shards(shards: Iterable[str | Path], splits: dict[str, str] | None = None) -> Index:
-    """Return the index of shards, from the rows that each holds itself.
+    """Return the index of shards, from the rows that each of them holds.
 
-    Raises :class:`ValueError` for a file that is no shard, or follows another version of the schema.
+    Raises :class:`ValueError` for a file that is not a shard, or follows another version of the schema.
     """
     import h5py
 
@@ -116,7 +116,7 @@ def of_shards(shards: Iterable[str | Path], splits: dict[str, str] | None = None
 
 
 def read_index(file: str | Path, shards: Iterable[str | Path], identity: str = "") -> Index:
-    """Return what an ``index.h5`` says of shards, wherever both lie. Raises :class:`ValueError` for another file."""
+    """Return the index of shards from an ``index.h5``, wherever they are; raise :class:`ValueError` if it is none."""
     import h5py
 
     file = Path(file)
@@ -129,10 +129,10 @@ def read_index(file: str | Path, shards: Iterable[str | Path], identity: str = "
 
 
 def _stored(folder: Path) -> Index | None:
-    """Return the index in a dataset's ``index.h5``; None where ``dataset.json`` does not vouch for it.
+    """Return the index in a dataset's ``index.h5``; None if ``dataset.json`` does not confirm it.
 
-    It vouches when it states the bytes and the checksum of the file, the checksum of the splits, the number of rows,
-    and the size of every shard as it is.
+    It confirms the size and the checksum of the file, the checksum of the splits, the number of rows, and the size of
+    every shard.
     """
     file, shards = folder / _FILE, shards_at(folder)
     try:
@@ -151,7 +151,7 @@ def _stored(folder: Path) -> Index | None:
 
 
 def _again(source: Path, identity: str) -> Index:
-    """Return the index of a path in another process."""
+    """Return the index of a path, read again after unpickling."""
     index = index_at(source)
     if index.identity != identity:
         raise OSError(f"{source} was written anew since it was opened; open the dataset again")
@@ -159,9 +159,9 @@ def _again(source: Path, identity: str) -> Index:
 
 
 def shards_at(path: str | Path) -> list[Path]:
-    """Return the shards a path means: a shard itself, or those a dataset's folder lists in ``dataset.json``.
+    """Return the shards at a path: a shard itself, or those that ``dataset.json`` in a dataset's folder lists.
 
-    Raises :class:`FileNotFoundError` when there is no dataset.
+    Raises :class:`FileNotFoundError` if the dataset does not exist.
     """
     path = Path(path)
     if path.is_file():
@@ -175,9 +175,9 @@ def shards_at(path: str | Path) -> list[Path]:
 
 
 def splits_at(path: str | Path) -> dict[str, str]:
-    """Return the split of every object, as ``splits.tsv`` in a dataset's folder says it; for a shard, in its own.
+    """Return the split of every object from ``splits.tsv`` in a dataset's folder; for a shard, from its dataset's.
 
-    A view of several datasets holds its splits. Empty where there are none.
+    A view of several datasets holds its own splits. Empty without splits.
     """
     path = Path(path)
     if path.is_file():

@@ -1,4 +1,4 @@
-"""The items of a reader: rows of the index by their numbers, and sampled materials by their bodies' rows."""
+"""The items of a reader: row numbers of the index, and for sampled materials the row of their body."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from vibraverse.dataset.read.sampled import OWN
 from vibraverse.dataset.schema.columns import Column, Table, Texts
 from vibraverse.physics.materials import sampled_name
 
-#: A type in a condition that means one value, not several.
+#: Types of a condition's value that stand for one value, not several.
 _SINGLE = (str, int, float, np.generic)
 
 
 class Items(Sequence):
-    """A sequence of rows of the index; an item comes as a dictionary when it is asked for.
+    """A sequence of rows of the index; each item becomes a dictionary on access.
 
-    ``rows`` are the numbers of the rows, None for all. ``samples`` says which sampled material of its body an item is,
-    -1 for a named one, None where all are named. ``own`` reads what is a sampled material's own: it takes object and
-    solidity and returns a column for each name of :data:`~vibraverse.dataset.read.sampled.OWN`.
+    ``rows`` are row numbers, None for all. ``samples`` is the number of each item's sampled material within its body,
+    -1 for a named material; None if all are named. ``own`` reads the columns in which sampled materials differ: it
+    takes object and solidity, and returns a column for each name of :data:`~vibraverse.dataset.read.sampled.OWN`.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class Items(Sequence):
         return (self[number] for number in range(len(self)))
 
     def place(self, index: int) -> dict[str, str]:
-        """Return object, solidity and material of an item, without reading more of the index."""
+        """Return object, solidity and material of an item, without reading other columns of the index."""
         row, sample = self._row(index), self._sample(index)
         found = {name: self._table.column(name).item(row) for name in ("object", "solidity", "material")}
         return found if sample < 0 else {**found, "material": sampled_name(sample)}
@@ -85,17 +85,17 @@ class Items(Sequence):
         return column
 
     def values(self, name: str) -> list:
-        """Return the values that occur in a column, each once: texts in the order of the items, numbers ascending."""
+        """Return the distinct values of a column: texts in the order of the items, numbers ascending."""
         column = self.column(name)
         return column.present() if isinstance(column, Texts) else np.unique(column).tolist()
 
     def firsts(self, *names: str) -> np.ndarray:
-        """Return the positions of the first items of each value, or combination of values, in columns of texts."""
+        """Return the position of the first item with each value, or combination of values, of text columns."""
         codes = self._codes(*names)
         return np.sort(np.unique(codes, return_index=True)[1])
 
     def where(self, conditions: dict) -> Items:
-        """Return the items whose columns have the given values (a value, or a collection of them)."""
+        """Return the items whose columns have the given values (one value, or a collection)."""
         chosen = np.ones(len(self), dtype=bool)
         for name, value in conditions.items():
             allowed = {value} if isinstance(value, _SINGLE) else set(value)
@@ -114,7 +114,7 @@ class Items(Sequence):
         return Items(self._table, self._own, rows.astype(_type(len(self._table))), samples)
 
     def with_sampled(self) -> Items:
-        """Return the named items with, after those of each body, its sampled materials."""
+        """Return the named items, and after those of each body its sampled materials."""
         named = self if self.samples is None else self.part(np.flatnonzero(self.samples < 0))
         if not len(named):
             return named

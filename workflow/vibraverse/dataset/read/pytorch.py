@@ -1,4 +1,4 @@
-"""The dataset as PyTorch sees it: indexable, safe to hand to any number of data-loader workers."""
+"""The dataset for PyTorch: indexable, and safe to use with any number of data-loader workers."""
 
 from __future__ import annotations
 
@@ -10,17 +10,17 @@ class TorchDataset(torch.utils.data.Dataset):
     """The items of a reader, or of :class:`~vibraverse.dataset.read.fresh.FreshItems`, as dictionaries of
     tensors and texts.
 
-    Each worker opens its own handles on first access. Fields whose shape differs from body to body (surfaces, mode
-    shapes, sounds) need a ``collate_fn`` of your own when the batch holds more than one item.
+    Each worker opens its own handles on first access. Fields whose shape differs between bodies (surfaces, mode shapes,
+    sounds) need a ``collate_fn`` of your own if a batch holds more than one item.
     """
 
     def __init__(self, items, transform=None):
-        items.close()  # nothing open is carried into the workers
+        items.close()  # open handles must not be inherited by the workers
         if len(items):
-            items.items.place(0)  # reads what of the index a worker asks for: forked ones share it
+            items.items.place(0)  # reads the columns that workers need, so that forked ones share them
         self.items = items
         self.transform = transform
-        # Shared, because workers that live on from epoch to epoch keep their own copy of everything else.
+        # Shared memory, because persistent workers keep their own copies of everything else.
         self._epoch = torch.zeros((), dtype=torch.int64).share_memory_()
 
     def __len__(self) -> int:
@@ -32,7 +32,7 @@ class TorchDataset(torch.utils.data.Dataset):
         return self.transform(item) if self.transform else item
 
     def set_epoch(self, epoch: int) -> None:
-        """Say which epoch comes, before each pass: fresh materials are drawn anew; stored ones stay as they are."""
+        """Set the epoch before each pass: fresh materials are drawn anew; stored ones do not change."""
         self._epoch.fill_(epoch)
 
 

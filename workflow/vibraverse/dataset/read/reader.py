@@ -1,7 +1,7 @@
-"""Reading a dataset with NumPy alone.
+"""The reader of a dataset, with NumPy and h5py alone.
 
-Handles open late and in each process anew, so a reader may be handed to data-loader workers: each opens its own, and
-the index with it. A reader is pickled as the dataset's path and the numbers of its rows.
+Handles are opened on first use in each process, so data-loader workers can use a reader: each opens its own handles and
+index. A reader is pickled as the dataset's path and its row numbers.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from vibraverse.dataset.read.sampled import own_of, read_sampled
 from vibraverse.dataset.read.shapes import Shapes
 from vibraverse.physics.materials import sampled_number
 
-#: What a sample holds unless asked otherwise: what every task needs, small, and of one shape for all bodies.
+#: Fields of a sample by default: those that every task needs, small and of the same shape for all bodies.
 DEFAULT_FIELDS = ("frequencies_hz", "damping_per_s", "size_m", "density_kg_m3", "young_pa", "poisson")
 
-#: Shards that a process keeps open: a system allows some 1,000 files, and a worker is not alone.
-_MOST_OPEN = 64
+#: Shards that a process keeps open. A system allows a process about 1,000 open files.
+MAX_OPEN_SHARDS = 64
 
 
 class Reader:
@@ -54,7 +54,7 @@ class Reader:
 
     @classmethod
     def at(cls, path: str | Path, fields: Sequence[str] = DEFAULT_FIELDS, look: str = "clay") -> Reader:
-        """Open a dataset's folder, a shard or a view; raises :class:`FileNotFoundError` when it is none."""
+        """Open a dataset's folder, a shard or a view; raise :class:`FileNotFoundError` if it is none of these."""
         return cls(index_at(path), fields, look)
 
     def _set(self, index: Index, fields: tuple[str, ...], look: str, rows, samples) -> None:
@@ -82,7 +82,7 @@ class Reader:
 
     @property
     def shards(self) -> dict[str, Path]:
-        """The paths of the shards by their names."""
+        """The paths of the shards by name."""
         return self.index.shards
 
     @property
@@ -92,11 +92,11 @@ class Reader:
 
     @property
     def objects(self) -> list[str]:
-        """Ids of the objects among the items, each once, sorted."""
+        """The distinct ids of the items' objects, sorted."""
         return self.items.column("object").present()
 
     def where(self, **conditions) -> Reader:
-        """Return a reader of the items whose columns have the given values (a value, or a collection of them).
+        """Return a reader of the items whose columns have the given values (one value, or a collection).
 
         ``reader.where(split="train", material=["steel", "wood"])``. Raises :class:`KeyError` for an unknown column.
         """
@@ -114,29 +114,29 @@ class Reader:
         return self._part(self.items.part(positions))
 
     def with_sampled(self) -> Reader:
-        """Return a reader whose items are the named ones and, after those of each body, its sampled materials."""
+        """Return a reader with the named items, and after those of each body its sampled materials."""
         return self._part(self.items.with_sampled())
 
     def _part(self, items: Items) -> Reader:
-        """Return a reader of the same shards, with the same handles, and other items."""
+        """Return a reader of other items in the same shards, with the same handles."""
         part = object.__new__(Reader)
         part.__dict__.update(self.__dict__)
         part.items = Items(self.index.items, part._own, items.rows, items.samples)
         return part
 
     def place(self, splits: dict[str, str]) -> None:
-        """Say in which split each object is: "" where ``splits`` does not."""
+        """Set the split of each object; "" for an object that ``splits`` does not name."""
         self.index = self.index.placed(splits)
         self.items = Items(self.index.items, self._own, self.items.rows, self.items.samples)
 
     def _own(self, object: str, solidity: str) -> dict[str, np.ndarray]:
-        """Return the sampled materials' own columns of a body; those of the last body are kept."""
+        """Return the columns in which a body's sampled materials differ; caches those of the last body."""
         if self._last[0] != (object, solidity):
             self._last = (object, solidity), own_of(self.group(object)[solidity])
         return self._last[1]
 
     def sample(self, item: dict) -> dict:
-        """Return the chosen fields of an item, under their names, with ``object``, ``solidity`` and ``material``."""
+        """Return the chosen fields of an item by name, with ``object``, ``solidity`` and ``material``."""
         place = {name: item[name] for name in ("object", "solidity", "material")}
         return {**place, **{name: self.read(name, **place) for name in self.fields}}
 
@@ -145,7 +145,7 @@ class Reader:
 
         ``views`` come decoded, (views, height, width, 3) uint8, in the reader's ``look`` (the look ``"material"``
         means that of the material) or in ``look=…``; ``sound`` is the material's, or ``sound=…``.
-        Raises :class:`KeyError` when the dataset does not hold it; of what was refused, it says where and why.
+        Raises :class:`KeyError` if the dataset does not hold it; for a refused object or body, with stage and reason.
         """
         spec = _field(field)
         look = self.look if self.look != "material" else material
@@ -176,11 +176,11 @@ class Reader:
         return _decode(value) if spec.dtype == "png" else value[()]
 
     def surface(self, object: str, solidity: str = "solid") -> tuple[np.ndarray, np.ndarray]:
-        """Return how a body's surface moves: its modal basis (V, 3, r) and the corrections (V, 3, c) there."""
+        """Return the modal basis (V, 3, r) and the corrections (V, 3, c) on a body's surface."""
         return self._shapes.surface(self.group(object)[solidity], (object, solidity))
 
     def _refused(self, object: str, solidity: str) -> str:
-        """Return the sentence for an object that was refused, or its body of that solidity; empty where neither was."""
+        """Return the sentence that an object or its body of that solidity was refused; "" if neither was."""
         for row in self.refusals:
             if row["object"] == object and row["solidity"] in ("", solidity):
                 what = (
@@ -193,21 +193,21 @@ class Reader:
         return ""
 
     def group(self, object: str):
-        """Return the HDF5 group of an object, to look at anything in it. Raises :class:`KeyError` if unknown."""
+        """Return the HDF5 group of an object; raise :class:`KeyError` if it does not exist."""
         shard = self.index.shard_of.get(object)
         if shard is None:
             raise KeyError(unknown("object", object, self.index.shard_of))
         groups = self._open(shard)["objects"]
         try:
             return groups[object]
-        except KeyError:  # of a view (`vibraverse join`) whose dataset was moved
+        except KeyError:  # a link of a view (`vibraverse join`) whose dataset was moved
             raise FileNotFoundError(
                 f"{self.shards[shard]} links to {groups.get(object, getlink=True).filename}, which is "
                 "not there; join the datasets again"
             ) from None
 
     def making(self) -> list[dict]:
-        """Return how each shard was made: per stage its version, libraries and options."""
+        """Return how each shard was made: versions, libraries and options by stage."""
         return [json.loads(self._open(name)[schema.MAKING].asstr()[()]) for name in self.shards]
 
     def close(self) -> None:
@@ -229,9 +229,9 @@ class Reader:
         if self._process != os.getpid():  # forked: HDF5 handles must not be shared between processes
             self._handles, self._process = {}, os.getpid()
         handle = self._handles.pop(shard, None) or h5py.File(self.shards[shard], "r")
-        self._handles[shard] = handle  # the latest used stand last
-        if len(self._handles) > _MOST_OPEN:
-            # Not closed but let go: HDF5 closes a file when nothing of it is in use any more.
+        self._handles[shard] = handle  # the most recently used come last
+        if len(self._handles) > MAX_OPEN_SHARDS:
+            # Dropped, not closed: HDF5 closes a file once none of its objects is in use.
             del self._handles[next(iter(self._handles))]
         return handle
 
@@ -243,7 +243,7 @@ def _field(name: str) -> schema.Field:
 
 
 def _no_such_name(group, pattern: str, names: dict[str, str]) -> str:
-    """Return that an object has no material, sound or look of that name, and which it has; empty where it has."""
+    """Return the sentence that an object lacks a material, sound or look of that name, with those it has; else ""."""
     for kind in ("material", "sound", "look"):
         place = pattern.partition(f"/{{{kind}}}")[0].format(**names)
         if f"/{{{kind}}}" in pattern and place in group and names[kind] not in group[place]:

@@ -1,4 +1,4 @@
-"""Sampled materials as a reader sees them: stored as arrays with a row each, read like any other material.
+"""Sampled materials in a reader: stored as arrays with one row per material, and read like named materials.
 
 ``frequencies_hz`` of the material ``sampled-0003`` is row 3 of ``sampled/frequencies_hz``; damping is not stored,
 because it follows from the material and the frequencies.
@@ -11,14 +11,14 @@ import numpy as np
 from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.materials import sampled_name
 
-#: Columns of the index in which the sampled materials of a body differ, besides their names.
+#: Columns of the index, besides the name, in which the sampled materials of a body differ.
 OWN = ("mass_kg", "f1_hz", "f_last_hz", "duration_s")
 
 
 def read_sampled(body, name: str, number: int):
-    """Return what a field of a material is for a sampled one: a number or an array (m,).
+    """Return a material's field for a sampled material: a number or an array (m,).
 
-    ``body`` is the HDF5 group of a body, ``name`` the field's. Raises :class:`KeyError` where it is not known.
+    ``body`` is the HDF5 group of a body, ``name`` the field's name. Raises :class:`KeyError` for an unknown field.
     """
     rows = body["sampled"]
     if number >= len(rows["poisson"]):
@@ -31,7 +31,7 @@ def read_sampled(body, name: str, number: int):
 
 
 def own_of(body) -> dict[str, np.ndarray]:
-    """Return what the index would say of the sampled materials of a body, a column (n,) for each of :data:`OWN`."""
+    """Return the index columns of a body's sampled materials: a column (n,) for each name of :data:`OWN`."""
     sounds, frequencies = body["sounds"], body["sampled/frequencies_hz"][()]
     names = map(sampled_name, range(len(frequencies)))
     durations = [float(sounds[name].attrs["duration_s"]) if name in sounds else 0.0 for name in names]

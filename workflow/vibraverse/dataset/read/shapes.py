@@ -1,7 +1,7 @@
-"""Mode shapes as a reader sees them: made from the body's modal basis and the material's coefficients in it.
+"""Mode shapes in a reader: computed from the body's modal basis and the material's coefficients in it.
 
-Stored as they are they would be half of a dataset. A basis takes longer to read than the shapes of one material to
-make, so that of the last body is kept: materials of one body come one after the other.
+Stored in full, they would be half of a dataset. Reading a basis takes longer than computing the shapes of one material,
+so the basis of the last body is cached: the materials of a body are read one after the other.
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ from vibraverse.files.modes import read_mode_shapes, read_surface
 
 
 class Shapes:
-    """Reads mode shapes; keeps one surface of some megabytes."""
+    """A reader of mode shapes; caches one surface basis of a few megabytes."""
 
     def __init__(self):
         self._key, self._surface = None, None
 
     def surface(self, body, key) -> tuple:
-        """Return basis and corrections on the surface; ``body`` is the HDF5 group that ``key`` stands for."""
+        """Return basis and corrections on the surface of the HDF5 group ``body``, which is cached under ``key``."""
         if self._key != key:
             self._key, self._surface = key, read_surface(body["basis"])
         return self._surface
 
     def read(self, body, key, material: str):
-        """Return the mode shapes (m, V, 3) of a named material. Raises :class:`KeyError` where there is no such one."""
+        """Return the mode shapes (m, V, 3) of a named material; raise :class:`KeyError` if it does not exist."""
         return read_mode_shapes(body, self.surface(body, key), material)

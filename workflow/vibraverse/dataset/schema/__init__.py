@@ -1,4 +1,4 @@
-"""The layout of a shard, said once: the writer, the reader, the validator and ``docs/dataset.md`` follow this table.
+"""The layout of a shard: the writer, the reader, the validator and ``docs/dataset.md`` follow this table.
 
 A shard is an HDF5 file with one group ``objects/{object}`` per object;
 :mod:`vibraverse.dataset.schema.fields` lists what that group holds.
@@ -16,17 +16,17 @@ from vibraverse.dataset.schema.ranges import RANGES
 FORMAT = "vibraverse-shard"
 FORMAT_VERSION = 3
 
-#: Identifies the index by column, ``index.h5``, which follows the same version.
+#: Identifies the columnar index, ``index.h5``, which follows the same version.
 INDEX_FORMAT = "vibraverse-index"
 
-#: How the sentence begins that says of a file that it is none.
+#: Beginning of the sentence about a file that is not a shard.
 NO_SHARD = "this is not a shard"
 
 #: Texts at the root of a shard: its rows of the index and of the refusals (tab-separated), how it was made (JSON).
 INDEX, REFUSALS, MAKING = "index", "refusals", "making"
-#: Groups of the index by column: its rows, and the shard of every object, those that were refused included.
+#: Groups of the columnar index: its rows, and the shard of every object, refused ones included.
 ITEMS, OBJECTS = "items", "objects"
-#: And the splits, in a view of several datasets only: a shard does not know them.
+#: Text with the splits, in a view of several datasets only: a shard does not know them.
 SPLITS = "splits"
 
 #: The list of checksums in every object's group (:mod:`vibraverse.dataset.schema.checksums`).
@@ -61,10 +61,10 @@ INDEX_COLUMNS: dict[str, tuple[type, str]] = {
     "sampled": (int, "sampled materials of the body, stored beside the named ones"),
 }
 
-#: What a shard knows of these: all but the split, which may depend on objects in other shards.
+#: Columns that a shard itself has: all but the split, which may depend on objects in other shards.
 SHARD_COLUMNS = {name: column for name, column in INDEX_COLUMNS.items() if name != "split"}
 
-#: Columns of the table that says where an object's group stands: type and meaning.
+#: Columns of the table of objects and their shards: type and meaning.
 OBJECT_COLUMNS: dict[str, tuple[type, str]] = {
     "object": (str, "the object's id"),
     "shard": (str, "file in `shards/`"),
@@ -98,14 +98,14 @@ def _patterns() -> tuple[tuple[re.Pattern, Field], ...]:
 
 
 def knows(path: str) -> bool:
-    """Whether the table has a field at a filled-in path."""
+    """Return whether the table has a field at a filled-in path."""
     return any(pattern.fullmatch(path) for pattern, _ in _patterns())
 
 
 def field_at(path: str) -> Field:
-    """Return the field that stands at a filled-in path such as ``hollow/materials/steel/frequencies_hz``.
+    """Return the field at a filled-in path such as ``hollow/materials/steel/frequencies_hz``.
 
-    Raises :class:`KeyError` for a path the table does not know.
+    Raises :class:`KeyError` for a path that is not in the table.
     """
     for pattern, field in _patterns():
         if pattern.fullmatch(path):
@@ -114,7 +114,7 @@ def field_at(path: str) -> Field:
 
 
 def strange(h5) -> str:
-    """Return why an open HDF5 file is no shard of this version, in one sentence; empty when it is one."""
+    """Return in one sentence why an open HDF5 file is not a shard of this version; "" if it is."""
     if h5.attrs.get("format") != FORMAT:
         return f"{NO_SHARD}: its attribute 'format' is not {FORMAT!r}"
     version = int(h5.attrs.get("format_version", 0))

@@ -1,6 +1,6 @@
-"""A table by column in a group of an HDF5 file, which NumPy and h5py read: what ``index.h5`` is made of.
+"""A columnar table in a group of an HDF5 file, for NumPy and h5py; ``index.h5`` consists of them.
 
-A column of numbers is an array; a column of texts an array of codes, and ``values/{column}`` holds what they stand for.
+A number column is an array. A text column is an array of codes; ``values/{column}`` holds their texts.
 """
 
 from __future__ import annotations
@@ -16,10 +16,10 @@ from vibraverse.dataset.schema.tables import Columns
 
 #: Group of the distinct texts, beside the columns.
 _VALUES = "values"
-#: Rows in a chunk, and how it is packed: columns of an object's rows repeat each other.
-_CHUNK, _GZIP_LEVEL = 65_536, 4
-#: Columns of fewer bytes than this are stored as they are.
-_SMALL = 4096
+#: Rows in a chunk, and its compression, which pays because the rows of an object repeat each other.
+_CHUNK_ROWS, _GZIP_LEVEL = 65_536, 4
+#: Columns of fewer bytes than this are not compressed.
+_MIN_COMPRESSED_BYTES = 4096
 
 
 def write_table(group, table: Table, columns: Columns) -> None:
@@ -34,8 +34,8 @@ def write_table(group, table: Table, columns: Columns) -> None:
             group.create_dataset(f"{_VALUES}/{name}", data=np.array(column.values, dtype=object), dtype=text)
             column = column.codes
         packed = {}
-        if column.nbytes >= _SMALL:
-            chunk = (min(len(column), _CHUNK),)
+        if column.nbytes >= _MIN_COMPRESSED_BYTES:
+            chunk = (min(len(column), _CHUNK_ROWS),)
             packed = {
                 "chunks": chunk,
                 "shuffle": True,
@@ -46,9 +46,9 @@ def write_table(group, table: Table, columns: Columns) -> None:
 
 
 class StoredTable(Table):
-    """A table in a group of an HDF5 file, whose columns are read when they are first asked for.
+    """A table in a group of an HDF5 file; its columns are read on first use.
 
-    No handle stays open. Raises :class:`OSError` where the file is another by then.
+    No handle stays open. Raises :class:`OSError` if the file was replaced in the meantime.
     """
 
     def __init__(self, path: Path, group: str, columns: Columns):
@@ -65,7 +65,7 @@ class StoredTable(Table):
         return self._names
 
     def column(self, name: str) -> Column:
-        """Return a column by its name, from the file on first use."""
+        """Return a column by name, from the file on first use."""
         if name not in self._columns:
             self._columns[name] = self._read(name)
         return self._columns[name]
@@ -92,6 +92,6 @@ class StoredTable(Table):
 
 
 def version_of(path: Path) -> tuple[int, int, int]:
-    """Return what tells a file from another that took its place."""
+    """Return values that differ between a file and one that replaces it."""
     about = os.stat(path)
     return about.st_ino, about.st_size, about.st_mtime_ns

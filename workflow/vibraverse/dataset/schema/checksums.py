@@ -1,7 +1,7 @@
-"""Checksums of what a group holds, so that a wrong byte in a shard is traced to an object and a field.
+"""Checksums of the content of a group, which trace a wrong byte in a shard to an object and a field.
 
-The SHA-256 of a shard's bytes, in ``dataset.json``, finds any change but cannot say where. So each object also lists
-one checksum per HDF5 group and dataset in it, over what HDF5 hands out: names, types, shapes, data, attributes.
+The SHA-256 of a shard's bytes, in ``dataset.json``, finds any change but not its place. So each object also lists one
+checksum per HDF5 group and dataset in it, over what HDF5 returns: names, types, shapes, data, attributes.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 from vibraverse.dataset import schema
 from vibraverse.dataset.schema.stored import attribute, text, value
 
-#: Hexadecimal digits kept of each SHA-256: 64 bits are plenty against accidents, and the list stays small.
+#: Hexadecimal digits kept of each SHA-256: 64 bits suffice against accidents, and the list stays small.
 _DIGITS = 16
 
 
 def checksums(group) -> dict[str, str]:
-    """Return path -> checksum of everything in an HDF5 group but its list of checksums; the group itself is ``.``.
+    """Return path -> checksum of everything in an HDF5 group except its list of checksums; ``.`` is the group itself.
 
-    Raises whatever HDF5 raises where it cannot read.
+    Raises the errors that HDF5 raises for damaged bytes.
     """
     found = {".": _of(group, ".")}
 
@@ -34,9 +34,9 @@ def checksums(group) -> dict[str, str]:
 
 
 def differences(group) -> list[str]:
-    """Return the paths in an object's group whose content is not what its list of checksums says, in file order.
+    """Return the paths in an object's group whose content contradicts its list of checksums, in file order.
 
-    Raises :class:`KeyError` when the group has no such list, and whatever HDF5 raises where it cannot read.
+    Raises :class:`KeyError` if the group has no such list, and the errors that HDF5 raises for damaged bytes.
     """
     stated = json.loads(text(group, schema.CHECKSUMS))
     if not isinstance(stated, dict):
@@ -58,7 +58,7 @@ def _of(item, path: str) -> str:
 
 
 def _add(digest, held) -> None:
-    """Add a value with its type and shape: a number, a text, an array, or an array of arrays (pictures)."""
+    """Add a value with its type and shape to a digest: a number, a text, an array, or an array of arrays (pictures)."""
     if isinstance(held, (str, bytes)):
         held = held.encode() if isinstance(held, str) else held
         digest.update(f"text {len(held)} ".encode() + held)

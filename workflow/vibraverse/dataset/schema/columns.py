@@ -1,6 +1,6 @@
-"""Tables by column: a number column is an array, a text column codes into its distinct values.
+"""Columnar tables: a number column is an array, a text column is codes into its distinct values.
 
-Of 800,000 rows of the index a column is 1 to 8 bytes a row; the same rows as dictionaries are a gigabyte.
+In an index of 800,000 rows, a column takes 1 to 8 bytes per row; the same rows as dictionaries take a gigabyte.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ import numpy as np
 
 from vibraverse.dataset.schema.tables import Columns, lines_of, read_cells, to_cells
 
-#: Rows that are turned into Python objects at a time.
-_ROWS = 8192
+#: Rows that are converted to Python objects at a time.
+_BLOCK_ROWS = 8192
 
 
 class Texts:
-    """A column of texts: ``codes`` (n,) of unsigned integers, each the place of its text in ``values``."""
+    """A column of texts: ``codes`` (n,) of unsigned integers, each the position of its text in ``values``."""
 
     def __init__(self, codes: np.ndarray, values: Sequence[str]):
         self.codes, self.values = codes, list(values)
 
     @classmethod
     def of(cls, texts: Iterable[str]) -> Texts:
-        """Return texts as a column; the values stand in the order of their first appearance."""
+        """Return texts as a column; values are in the order of first appearance."""
         known: dict[str, int] = {}
         codes = [known.setdefault(text, len(known)) for text in texts]
         return cls(_small(np.array(codes, dtype=np.int64), len(known)), list(known))
@@ -33,7 +33,7 @@ class Texts:
         return len(self.codes)
 
     def __getitem__(self, rows) -> Texts:
-        """Return the column at an array of rows, or a slice of it."""
+        """Return the column at an array or a slice of row numbers."""
         return Texts(self.codes[rows], self.values)
 
     def item(self, row: int) -> str:
@@ -41,15 +41,15 @@ class Texts:
         return self.values[self.codes[row]]
 
     def tolist(self) -> list[str]:
-        """Return all texts, each as the one object that ``values`` holds."""
+        """Return all texts; equal ones are the same object."""
         return [self.values[code] for code in self.codes.tolist()]
 
     def present(self) -> list[str]:
-        """Return the texts that occur, each once, in the order of the rows."""
+        """Return the distinct texts that occur, in the order of the rows."""
         return self.compact().values
 
     def compact(self) -> Texts:
-        """Return the same texts with no other values than those that occur, in the order of the rows."""
+        """Return the same column with only the values that occur, in the order of the rows."""
         codes, first, inverse = np.unique(self.codes, return_index=True, return_inverse=True)
         order = np.argsort(first)
         places = np.empty(len(order), dtype=np.int64)
@@ -59,14 +59,14 @@ class Texts:
         )
 
     def ranks(self) -> np.ndarray:
-        """Return numbers (n,) that are ordered as the texts are."""
+        """Return numbers (n,) that sort like the texts."""
         order = sorted(range(len(self.values)), key=self.values.__getitem__)
         ranks = np.empty(len(order), dtype=np.int64)
         ranks[order] = np.arange(len(order))
         return ranks[self.codes]
 
     def among(self, allowed: set) -> np.ndarray:
-        """Return which rows (n,) hold one of these texts."""
+        """Return the mask (n,) of the rows that hold one of these texts."""
         return np.array([value in allowed for value in self.values], dtype=bool)[self.codes]
 
 
@@ -81,12 +81,12 @@ class Table:
 
     @classmethod
     def from_tsv(cls, text: str, columns: Columns) -> Table:
-        """Return the rows of a tab-separated table; raises what :func:`~.tables.from_tsv` raises.
+        """Return the rows of a tab-separated table; raise the errors of :func:`~.tables.from_tsv`.
 
-        No more than some thousand rows are Python objects at a time.
+        Rows are converted in blocks, so that few of them are Python objects at a time.
         """
         cells, parts = read_cells(text, columns), []
-        while rows := list(islice(cells, _ROWS)):
+        while rows := list(islice(cells, _BLOCK_ROWS)):
             by_column = zip(columns.items(), zip(*rows, strict=True), strict=True)
             found = {name: _column(kind, list(map(kind, values))) for (name, (kind, _)), values in by_column}
             parts.append(cls(found, len(rows)))
@@ -101,20 +101,20 @@ class Table:
         return tuple(self._columns)
 
     def column(self, name: str) -> Column:
-        """Return a column by its name."""
+        """Return a column by name."""
         return self._columns[name]
 
     def take(self, rows) -> Table:
-        """Return the table of these rows (an array of their numbers, or of bool)."""
+        """Return the table of these rows (an array of row numbers, or a mask)."""
         taken = {name: self.column(name)[rows] for name in self.names}
         return Table(taken, len(next(iter(taken.values()))))
 
     def sorted_by(self, name: str) -> Table:
-        """Return the rows ordered by a column of texts; those of one text stay in their order."""
+        """Return the rows sorted by a text column; the sort is stable."""
         return self.take(np.argsort(self.column(name).ranks(), kind="stable"))
 
     def with_columns(self, columns: Columns, **changes: Column) -> Table:
-        """Return the table with these columns in place of its own, or beside them, in the order of ``columns``."""
+        """Return the table with these columns replaced or added, in the order of ``columns``."""
         return Table(
             {name: changes[name] if name in changes else self.column(name) for name in columns}, len(self)
         )
@@ -124,26 +124,26 @@ class Table:
         return {name: self.column(name).item(number) for name in self.names}
 
     def rows(self, numbers: np.ndarray | None = None) -> Iterator[dict]:
-        """Yield rows as dictionaries: all, or those of these numbers."""
+        """Yield rows as dictionaries: all of them, or those with these numbers."""
         count = len(self) if numbers is None else len(numbers)
-        for start in range(0, count, _ROWS):
-            part = slice(start, min(start + _ROWS, count))
+        for start in range(0, count, _BLOCK_ROWS):
+            part = slice(start, min(start + _BLOCK_ROWS, count))
             rows = part if numbers is None else numbers[part]
             lists = [self.column(name)[rows].tolist() for name in self.names]
             yield from (dict(zip(self.names, values, strict=True)) for values in zip(*lists, strict=True))
 
     def tsv(self, columns: Columns) -> Iterator[str]:
-        """Yield the table as :func:`~.tables.to_tsv` writes it, in pieces."""
+        """Yield the text of :func:`~.tables.to_tsv` in pieces."""
         yield lines_of([columns])
         ready = {}
         for name, (kind, _) in columns.items():
             column = self.column(name)
             ready[name] = Texts(column.codes, to_cells(column.values, kind)) if kind is str else column
-        for start in range(0, len(self), _ROWS):
+        for start in range(0, len(self), _BLOCK_ROWS):
             cells = [
-                column[start : start + _ROWS].tolist()
+                column[start : start + _BLOCK_ROWS].tolist()
                 if isinstance(column, Texts)
-                else to_cells(column[start : start + _ROWS].tolist(), columns[name][0])
+                else to_cells(column[start : start + _BLOCK_ROWS].tolist(), columns[name][0])
                 for name, column in ready.items()
             ]
             yield lines_of(zip(*cells, strict=True))

@@ -1,4 +1,4 @@
-"""Every field of a shard: where it stands, what it holds, in which unit.
+"""Every field of a shard: its path, content and unit.
 
 Paths are relative to the object's group; ``path@name`` is an attribute. Wildcards: ``{solidity}`` is ``solid`` or
 ``hollow``, ``{material}`` a material, ``{look}`` a look of the pictures, ``{sound}`` a material, or ``material-pK`` for
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Field:
-    """One array, text or attribute: where it stands, what it holds, in which unit.
+    """One array, text or attribute: its path, content and unit.
 
     ``dtype`` is a NumPy type, ``json`` or ``text`` (UTF-8), or ``png`` (one PNG file's bytes per entry).
     """
@@ -26,17 +26,17 @@ class Field:
 
     @property
     def is_attribute(self) -> bool:
-        """Whether the field is an attribute of a group and not a dataset."""
+        """Whether the field is an attribute of a group, not a dataset."""
         return "@" in self.path
 
     @property
     def is_text(self) -> bool:
-        """Whether the field holds text and so has no unit."""
+        """Whether the field holds text, and so has no unit."""
         return self.dtype in ("json", "text")
 
     @property
     def is_refusal(self) -> bool:
-        """Whether only what is refused has the field."""
+        """Whether only refused objects and bodies have the field."""
         return "@refusal_" in self.path
 
 
@@ -66,7 +66,7 @@ def _sampled(name: str, dtype: str, shape: str, unit: str, what: str) -> Field:
     return Field(f"sampled_{name}", f"{_SAMPLED}/{name}", dtype, shape, unit, f"sampled materials: {what}")
 
 
-#: Every field of an object, in the order in which a reader meets them.
+#: Every field of an object, in the order of the documentation.
 FIELDS: tuple[Field, ...] = (
     Field("origin", "@origin", "text", "()", "", "generated, bundled, files or objaverse"),
     Field("title", "@title", "text", "()", "", "name of the object"),

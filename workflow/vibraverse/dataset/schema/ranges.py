@@ -1,6 +1,6 @@
-"""In which range the numbers of a field lie, written as intervals: ``(0, ∞)`` is open, ``[0, 1]`` includes its ends.
+"""The valid ranges of fields, written as intervals: ``(0, ∞)`` is open, ``[0, 1]`` includes its ends.
 
-Every number of every field is finite, too; a field that is not listed may have any finite value.
+All numbers must also be finite; a field that is not listed may have any finite value.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ RANGES |= {
 
 
 def outside(name: str, value) -> str:
-    """Return what is wrong with the numbers of a field, ``holds 3 numbers outside (0, ∞)``; empty when nothing is."""
+    """Return what is wrong with the numbers of a field, as ``holds 3 numbers outside (0, ∞)``; "" if nothing is."""
     array = np.asarray(value)
     if array.dtype.kind == "f":
         infinite = np.count_nonzero(~np.isfinite(array))

@@ -1,6 +1,6 @@
-"""What HDF5 hands out of a file whose bytes may be wrong: groups, texts and values, or ``ValueError``.
+"""Access to groups, texts and values of an HDF5 file whose bytes may be wrong; raises ``ValueError`` for damage.
 
-h5py raises ``TypeError`` for a type that NumPy lacks. Here that is told from a mistake of ours.
+h5py raises ``TypeError`` for a type that NumPy lacks. Here that is distinguished from a programming error.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import h5py
 
 @contextmanager
 def _typed(name: str) -> Iterator[None]:
-    """Turn h5py's ``TypeError`` into a ``ValueError``. No code of ours runs in it."""
+    """Turn h5py's ``TypeError`` into a ``ValueError``; only calls of h5py may run within it."""
     try:
         yield
     except TypeError as error:
@@ -29,7 +29,7 @@ def group(parent, name: str) -> h5py.Group:
 
 
 def members(parent, name: str) -> Mapping:
-    """Return what a group holds by name; nothing where there is no such group."""
+    """Return the members of a group by name; empty if the group does not exist."""
     found = parent.get(name)
     return found if isinstance(found, h5py.Group) else {}
 
@@ -49,7 +49,7 @@ def text_of(item, name: str) -> str:
 
 
 def value(item, name: str):
-    """Return what a dataset holds."""
+    """Return the value of a dataset."""
     if not isinstance(item, h5py.Dataset):
         raise ValueError(f"{name} is neither a group nor an array")
     with _typed(name):

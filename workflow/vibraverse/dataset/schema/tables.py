@@ -1,6 +1,6 @@
 """Tab-separated tables with typed columns: the index and the refusals.
 
-A text that holds a double quote is quoted as in CSV, so any reader of CSV that is told of the tabs reads them.
+A text that contains a double quote is quoted as in CSV, so any CSV reader with tab as its separator reads them.
 """
 
 from __future__ import annotations
@@ -15,18 +15,18 @@ Columns = dict[str, tuple[type, str]]
 
 
 def to_tsv(rows: Iterable[dict], columns: Columns) -> str:
-    """Return a header and one line per row; white space inside a text becomes one blank.
+    """Return a header and one line per row; white space inside a text becomes one space.
 
-    Numbers keep every digit: what :func:`from_tsv` reads is what was written.
+    Numbers keep every digit, so the round trip through :func:`from_tsv` is exact.
     """
     cells = ([_cell(row[name], kind) for name, (kind, _) in columns.items()] for row in rows)
     return lines_of([columns, *cells])
 
 
 def from_tsv(text: str, columns: Columns) -> list[dict]:
-    """Return the rows of a table, each value as its column's type.
+    """Return the rows of a table, each value in the type of its column.
 
-    Raises :class:`ValueError` when the header is not the columns', or the rest is no such table.
+    Raises :class:`ValueError` if the header differs from the columns, or a row does not fit them.
     """
     kinds = [kind for kind, _ in columns.values()]
     return [
@@ -48,7 +48,7 @@ def to_cells(values: Iterable, kind: type) -> list[str]:
 
 
 def read_cells(text: str, columns: Columns) -> Iterator[list[str]]:
-    """Yield the cells of each row of a table, after its header; raises as :func:`from_tsv`."""
+    """Yield the cells of each row of a table after its header; raise the errors of :func:`from_tsv`."""
     lines = csv.reader(io.StringIO(text, newline=""), delimiter="\t")
     try:
         header = next(lines, [])

@@ -1,1 +1,1 @@
-"""Which side of the splits an object is on."""
+"""The split of every object."""

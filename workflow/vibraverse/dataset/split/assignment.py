@@ -1,12 +1,12 @@
-"""Where an object belongs: shard, with it slice, and, unless it is a copy, split are stable hashes of its id.
+"""The assignment of splits, from stable hashes of object ids.
 
-Neither time nor order nor the other objects matter, so a growing dataset moves nothing. Everything made of one
-object stands on the same side, and so do the copies of one shape (:mod:`vibraverse.dataset.split.copies`):
-all go where the first of them goes, or where one of them was kept from an earlier dataset.
+Neither time nor order nor other objects matter, so a growing dataset moves no object. Everything made from one object
+has the same split. So do the copies of one shape (:mod:`vibraverse.dataset.split.copies`): all take the split of the
+first of them, or of one that was kept from an earlier dataset.
 
-A rule that never moves an object can look at its id alone, and then how many fall where is a matter of chance in a
-small stratum. Stratified splits keep the shares in every stratum and pay with few moves: the shapes of a stratum stand
-in the order of their hashes and the shares cut that row, so a new one moves at most one at each cut.
+A rule that never moves an object can use its id alone; then the shares of a small stratum are a matter of chance.
+Stratified splits keep the shares in every stratum and pay with a few moves. The shapes of a stratum are sorted by their
+hashes and cut by the shares, so a new shape moves at most one other at each cut.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from vibraverse.contract.seeds import stable_hash
 
 
 class Splits(NamedTuple):
-    """The split of every object, the first of its copies (or itself), and who did not stay where it was kept."""
+    """The split of every object, the first of its copies (or itself), and the kept objects that had to move."""
 
     split: dict[str, str]
     first: dict[str, str]
@@ -32,7 +32,7 @@ class Splits(NamedTuple):
         ]
 
     def summary(self) -> dict:
-        """Return what ``dataset.json`` says of copies."""
+        """Return the counts of copies for ``dataset.json``."""
         sizes = Counter(self.first.values())
         copies = sum(sizes.values()) - len(sizes)
         return {
@@ -44,7 +44,7 @@ class Splits(NamedTuple):
 
 
 def split_of(object_id: str, splits: dict[str, float]) -> str:
-    """Return the split of an object that is no copy; ``splits`` maps names to shares that add up to 1.
+    """Return the split of an object that is not a copy; ``splits`` maps names to shares that add up to 1.
 
     The hash is a number in [0, 1); the splits divide that interval in the order listed.
     """
@@ -60,8 +60,8 @@ def assign(
     """Return the splits of all objects; ``first`` maps each to the first of its copies.
 
     With ``strata`` (object to stratum) every stratum is divided in the shares of ``splits``; a shape belongs to the
-    stratum of its first. ``kept`` are splits of an earlier dataset: they stay, and copies follow them. Where copies
-    were kept on different sides, the first kept one decides, and the others are named in ``moved``.
+    stratum of its first object. ``kept`` are splits of an earlier dataset: they stay, and copies follow them. If copies
+    were kept in different splits, the first kept one decides, and the others are listed in ``moved``.
     """
     kept = kept or {}
     members: dict[str, list[str]] = {}
@@ -84,9 +84,9 @@ def assign(
 
 
 def emptiness(objects: dict[str, int]) -> str:
-    """Return which splits hold none of the objects and what fills them, in a sentence; empty when all hold some.
+    """Return the sentence about splits without objects and how to fill them; "" if there are none.
 
-    ``objects`` is how many there are by split; of a dataset without objects there is nothing to say.
+    ``objects`` counts objects by split; for a dataset without objects the result is "".
     """
     names = [name for name, count in objects.items() if not count]
     if not names or len(names) == len(objects):
@@ -99,7 +99,7 @@ def emptiness(objects: dict[str, int]) -> str:
 
 
 def _cut(sizes: dict[str, int], splits: dict[str, float], decided: dict[str, str]) -> dict[str, str]:
-    """Return the split of every shape of a stratum that is not decided yet: (shape to number of copies)."""
+    """Return the split of every undecided shape of a stratum; ``sizes`` maps shapes to numbers of copies."""
     total = sum(sizes.values())
     room = {name: share * total for name, share in splits.items()}
     for leader in sizes.keys() & decided.keys():

@@ -1,11 +1,12 @@
-"""Which objects are copies of one shape, however it is triangulated, turned, mirrored or scaled.
+"""The search for copies of one shape, however it is triangulated, rotated, mirrored or scaled.
 
-Every object has a fingerprint that such changes leave alone: the moments of its surface
+Every object has a fingerprint that such changes do not affect: the moments of its surface
 (:mod:`vibraverse.geometry.moments`) and the lowest frequencies of its solid body, scale-free: ``ω̂ V^(1/3)`` for
-E = ρ = 1 and ν = 0.25. Two objects are copies where both agree within tolerances, and copies of copies belong together.
+E = ρ = 1 and ν = 0.25. Two objects are copies if both agree within tolerances; copies of copies belong together.
 
-Moments of one surface agree to rounding, and within a fraction of a per cent when it is remade or thinned; frequencies
-carry the mesh's error, some tenths of a per cent, and for single modes of thin bodies a few (benchmarks/README.md).
+Moments of one surface agree to rounding, and within a fraction of a per cent after remeshing or decimation. Frequencies
+carry the mesh's error: some tenths of a per cent, and a few per cent for single modes of thin bodies
+(benchmarks/README.md).
 """
 
 from __future__ import annotations
@@ -15,16 +16,16 @@ from collections.abc import Iterable
 
 import numpy as np
 
-#: Poisson's ratio of the fingerprint, and how many frequencies it holds.
+#: Poisson's ratio and number of frequencies of the fingerprint.
 _POISSON, _MODES = 0.25, 20
-#: How far logarithms may lie apart: every moment; the frequencies' median; every frequency.
-MOMENTS, MEDIAN, EACH = 0.01, 0.005, 0.03
-#: Moments that must speak for themselves, because a body has no frequencies, may lie this far apart.
-_MOMENTS_ALONE = 0.002
+#: Largest differences of logarithms between copies: of every moment, of the median frequency, of every frequency.
+MOMENT_TOLERANCE, MEDIAN_TOLERANCE, FREQUENCY_TOLERANCE = 0.01, 0.005, 0.03
+#: Tolerance of moments if a body has no frequencies.
+_MOMENTS_ALONE_TOLERANCE = 0.002
 
 
 def scale_free_spectrum(basis) -> np.ndarray:
-    """Return ``ω̂ V^(1/3)`` of the lowest modes of a body (20,), from its ModalBasis; fewer where it has fewer."""
+    """Return ``ω̂ V^(1/3)`` of the lowest 20 modes of a body, from its ModalBasis; fewer if it has fewer."""
     from vibraverse.physics.modes import reduced_solve
 
     poisson = float(np.clip(_POISSON, *basis.poisson_range))
@@ -33,28 +34,28 @@ def scale_free_spectrum(basis) -> np.ndarray:
 
 
 def same_shape(moments: np.ndarray, spectra: list, pairs: np.ndarray) -> np.ndarray:
-    """Return which pairs (p, 2) of objects are copies.
+    """Return the mask of the pairs (p, 2) of objects that are copies.
 
     ``moments`` (n, 4) and ``spectra`` (n arrays, None where unknown) are logarithms.
     """
     apart = np.abs(moments[pairs[:, 0]] - moments[pairs[:, 1]]).max(axis=1)
-    same = apart <= MOMENTS
+    same = apart <= MOMENT_TOLERANCE
     for row in np.flatnonzero(same):
         first, second = (spectra[number] for number in pairs[row])
         if first is None or second is None:
-            same[row] = apart[row] <= _MOMENTS_ALONE
+            same[row] = apart[row] <= _MOMENTS_ALONE_TOLERANCE
             continue
         count = min(len(first), len(second))
         difference = np.abs(first[:count] - second[:count])
-        same[row] = np.median(difference) <= MEDIAN and difference.max() <= EACH
+        same[row] = np.median(difference) <= MEDIAN_TOLERANCE and difference.max() <= FREQUENCY_TOLERANCE
     return same
 
 
 def groups(fingerprints: dict[str, tuple]) -> dict[str, str]:
-    """Return for every object the first of its copies, itself where it has none before it.
+    """Return the first of its copies for every object; itself if it has no earlier one.
 
-    ``fingerprints`` maps ids to moments (4,) and spectrum (k,) or None. First is the least id, numbers counted as
-    numbers: ``bowl-9`` before ``bowl-10``.
+    ``fingerprints`` maps ids to moments (4,) and spectrum (k,) or None. The first is the least id in natural order:
+    ``bowl-9`` before ``bowl-10``.
     """
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
@@ -65,7 +66,7 @@ def groups(fingerprints: dict[str, tuple]) -> dict[str, str]:
         return {}
     moments = np.log([fingerprints[one][0] for one in ids])
     spectra = [None if fingerprints[one][1] is None else np.log(fingerprints[one][1]) for one in ids]
-    pairs = cKDTree(moments).query_pairs(MOMENTS, p=np.inf, output_type="ndarray")
+    pairs = cKDTree(moments).query_pairs(MOMENT_TOLERANCE, p=np.inf, output_type="ndarray")
     pairs = pairs[same_shape(moments, spectra, pairs)]
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(ids), len(ids)))
     labels = connected_components(links, directed=False)[1]
@@ -76,12 +77,12 @@ def groups(fingerprints: dict[str, tuple]) -> dict[str, str]:
 
 
 def natural(text: str) -> list:
-    """Return the key by which texts are ordered with their numbers as numbers."""
+    """Return the key for sorting texts in natural order, with numbers compared as numbers."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", text)]
 
 
 def fingerprints_of(reader, objects: Iterable[str]) -> dict[str, tuple]:
-    """Return moments and spectrum (or None) of objects that a reader holds."""
+    """Return moments and spectrum (or None) of a reader's objects."""
     found = {}
     for object_id in objects:
         shape = reader.group(object_id)["shape"]

@@ -1,1 +1,1 @@
-"""From products to shards and the dataset's tables."""
+"""Writers of shards and of the dataset's tables, from products."""

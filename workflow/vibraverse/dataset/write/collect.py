@@ -1,8 +1,8 @@
 """One object's products as fields of the dataset.
 
-Everything comes as pairs of a filled-in path of :mod:`vibraverse.dataset.schema` and its value. A product is read
-whole and closed before the first of its values is handed out, so a shard of any size is written with the memory of its
-largest product. The order matters: HDF5 crashes when it closes one file after another could not be written.
+Fields are pairs of a filled-in path of :mod:`vibraverse.dataset.schema` and its value. A product is read whole and
+closed before its first value is yielded, so a shard needs only the memory of its largest product. The order matters:
+HDF5 crashes when it closes one file after another could not be written.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ Pairs = Iterator[tuple[str, Any]]
 
 
 def object_fields(paths: Paths, object_id: str, looks) -> Pairs:
-    """Yield what belongs to the object itself: records, surface, grids and pictures."""
+    """Yield the fields of the object itself: records, surface, grids and pictures."""
 
     def at(pattern: str, **more) -> Path:
         return Path(paths.at(pattern, object=object_id, **more))
@@ -56,7 +56,7 @@ def object_fields(paths: Paths, object_id: str, looks) -> Pairs:
 
 
 def body_fields(paths: Paths, object_id: str, solidity: str, materials) -> Pairs:
-    """Yield what belongs to one body: tetrahedra, basis, modes and sounds."""
+    """Yield the fields of one body: tetrahedra, basis, modes and sounds."""
 
     def at(pattern: str, **more) -> Path:
         return Path(paths.at(pattern, object=object_id, solidity=solidity, **more))
@@ -114,7 +114,7 @@ def _modes(modes, solidity: str, materials) -> Pairs:
 
 
 def _everything(h5, place: str) -> Pairs:
-    """Yield all attributes and arrays of an HDF5 product but its provenance, in the same layout."""
+    """Yield all attributes and arrays of an HDF5 product except its provenance, in the same layout."""
     found: list[str] = []
     h5.visit(found.append)
     yield from ((f"{place}@{key}", value) for key, value in h5.attrs.items() if key != "provenance")

@@ -1,4 +1,4 @@
-"""The index by column, ``index.h5``, from which a dataset is opened."""
+"""The writer of the columnar index, ``index.h5``, from which a dataset is opened."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vibraverse.dataset.schema.bycolumn import write_table
 def write_index(path: str | Path, index: Index) -> None:
     """Write an index; the same rows give the same bytes, whatever the order of the shards.
 
-    It states no provenance: ``dataset.json`` does, which names it.
+    It states no provenance; ``dataset.json``, which lists it, does.
     """
     import h5py
 

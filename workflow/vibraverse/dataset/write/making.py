@@ -1,24 +1,24 @@
-"""How a set of products was made: the provenances of many jobs, joined per stage.
+"""How a set of products was made: the provenances of many jobs, joined by stage.
 
-What all jobs of a stage agree on is kept; what differs from job to job becomes ``varies``. Joining is associative,
-so a shard joins its objects and the index joins the shards.
+Values that all jobs of a stage share are kept; others become ``varies``. Joining is associative, so a shard joins its
+objects and the index joins the shards.
 """
 
 from __future__ import annotations
 
-#: Stands for a value that is not the same for all jobs.
+#: Placeholder for a value that differs between jobs.
 VARIES = "varies"
 
-_KEPT = ("stage_version", "vibraverse", "libraries", "options")
+_KEPT_KEYS = ("stage_version", "vibraverse", "libraries", "options")
 
 
 def making_of(provenance: dict) -> dict:
     """Return how one product was made, as ``{stage: {stage_version, vibraverse, libraries, options}}``."""
-    return {provenance["stage"]: {key: provenance[key] for key in _KEPT}}
+    return {provenance["stage"]: {key: provenance[key] for key in _KEPT_KEYS}}
 
 
 def join(makings) -> dict:
-    """Join several into one; the order of the stages is that of their first appearance."""
+    """Join several into one; stages are in the order of first appearance."""
     joined: dict = {}
     for making in makings:
         for stage, how in making.items():

@@ -1,7 +1,7 @@
-"""Writing a shard: fields go where the schema says, with its types and units, the same bytes every time.
+"""The writer of a shard: fields with the paths, types and units of the schema, and the same bytes every time.
 
-Arrays are chunked and compressed with gzip after a byte shuffle. Pictures keep the bytes of their PNG files, and
-small arrays stay as they are, because neither gets smaller.
+Arrays are chunked and compressed with gzip after a byte shuffle. Pictures keep the bytes of their PNG files, and small
+arrays are not compressed, because neither would get smaller.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ from vibraverse.dataset.write.making import join, making_of
 from vibraverse.flow.chain import refusals_of, stage_products
 from vibraverse.flow.paths import Paths
 
-#: Arrays of fewer bytes than this are stored as they are.
-_SMALL = 4096
-#: Arrays up to this size are one chunk: samples are read whole, and a grid in one piece is 40 % smaller.
-_ONE_CHUNK = 32 * 2**20
+#: Arrays of fewer bytes than this are not compressed.
+_MIN_COMPRESSED_BYTES = 4096
+#: Arrays of up to this many bytes are one chunk: samples are read whole, and a grid in one chunk is 40 % smaller.
+_MAX_CHUNK_BYTES = 32 * 2**20
 _GZIP_LEVEL = 4
 
 
 class Packed(NamedTuple):
-    """What a shard says about one object: rows of the index and of the refusals, and how it was made."""
+    """A shard's entries about one object: rows of the index and of the refusals, and how it was made."""
 
     rows: list[dict]
     refusals: list[dict]
@@ -41,10 +41,10 @@ class Packed(NamedTuple):
 
 
 def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, shard: str) -> Packed:
-    """Write one object's group into the group ``groups`` of a shard; return what the shard says about it.
+    """Write one object's group into the group ``groups`` of a shard; return the shard's entries about it.
 
-    A refused object becomes a group that says why, and a refused body likewise. Raises
-    :class:`FileNotFoundError` when a product is missing.
+    A refused object becomes a group that states the refusal, and so does a refused body. Raises
+    :class:`FileNotFoundError` if a product does not exist.
     """
     group = groups.create_group(object_id)
     refusals = refusals_of(paths, object_id, options.solidities)
@@ -58,7 +58,7 @@ def pack_object(groups, paths: Paths, object_id: str, options: ShardOptions, sha
     bodies = [solidity for solidity in options.solidities if solidity not in refusals.bodies]
     made = [Path(path) for path in stage_products(paths, object_id, bodies)]
     for path in made:
-        path.stat()  # HDF5's own error names no file
+        path.stat()  # raises an error that names the file; HDF5's own does not
     write_fields(group, collect.object_fields(paths, object_id, options.looks))
     for solidity in bodies:
         write_fields(group, collect.body_fields(paths, object_id, solidity, options.materials))
@@ -121,11 +121,11 @@ def write_field(group, path: str, value) -> None:
             dataset[number] = np.frombuffer(picture, dtype=np.uint8)
     else:
         array = np.asarray(value, dtype=field.dtype)
-        compressed = array.nbytes >= _SMALL
+        compressed = array.nbytes >= _MIN_COMPRESSED_BYTES
         dataset = group.create_dataset(
             path,
             data=array,
-            chunks=array.shape if compressed and array.nbytes <= _ONE_CHUNK else None,
+            chunks=array.shape if compressed and array.nbytes <= _MAX_CHUNK_BYTES else None,
             compression="gzip" if compressed else None,
             compression_opts=_GZIP_LEVEL if compressed else None,
             shuffle=compressed,

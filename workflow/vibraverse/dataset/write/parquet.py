@@ -1,4 +1,4 @@
-"""The index as Parquet, for tools that read tables of millions of rows: the same rows, typed and explained."""
+"""The writer of the index as Parquet, for tools that read tables of millions of rows: the same rows with types."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _TYPES = {str: pa.string(), float: pa.float64(), int: pa.int64()}
 
 
 def write_parquet(path: str | Path, table: Table, columns: Columns) -> None:
-    """Write a table with its columns' meanings in their metadata; the same rows give the same bytes."""
+    """Write a table with the meanings of its columns as metadata; the same rows give the same bytes."""
     fields = [
         pa.field(name, _TYPES[kind], metadata={"description": text}) for name, (kind, text) in columns.items()
     ]

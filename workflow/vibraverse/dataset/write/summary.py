@@ -1,4 +1,4 @@
-"""What a dataset holds, in numbers: the content of ``dataset.json``."""
+"""The summary of a dataset in numbers: the content of ``dataset.json``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from vibraverse.geometry.cleaning.cautions import cautions as of_surface
 from vibraverse.physics.cautions import cautions as of_modes
 from vibraverse.physics.materials import PARAMETERS, sampled_number
 
-#: Kinds of warnings and the sentence a summary shows for each.
+#: Kinds of warnings, and the sentence that a summary shows for each.
 WARNINGS = {
     "changed_shape": "the surface differs from the mesh it was made of",
     "many_elements": "far more elements than asked for",
@@ -22,10 +22,10 @@ _RANGES = ("size_m", "volume_m3", "mass_kg", "tetrahedra", "f1_hz", "f_last_hz",
 
 
 def summary(reader: Reader, asked: dict[str, float]) -> dict:
-    """Return counts, materials, ranges and how everything was made, of all that ``reader`` holds.
+    """Return counts, materials, ranges and how everything was made, for all objects of ``reader``.
 
-    An object counts as refused when nothing of it is left. ``asked`` are the shares of the splits: of one that should
-    hold objects and holds none it is said that it holds 0.
+    An object counts as refused if nothing of it is left. ``asked`` are the shares of the splits; a split without
+    objects is listed with 0.
     """
     items, refusals = reader.items, reader.refusals
     firsts = items.firsts("object", "solidity")
@@ -63,7 +63,7 @@ def summary(reader: Reader, asked: dict[str, float]) -> dict:
 
 
 def warnings(reader: Reader) -> list[dict[str, str]]:
-    """Return what there is to act on: ``object``, ``solidity`` ("" for both bodies), ``kind`` and ``message``."""
+    """Return the warnings: ``object``, ``solidity`` ("" for both bodies), ``kind`` and ``message``."""
     found = []
     for object_id in reader.objects:
         found += [
