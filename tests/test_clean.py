@@ -261,7 +261,7 @@ def test_bodies_apart_are_united_once_for_all_rungs(monkeypatch):
 def test_a_very_dense_mesh_is_thinned_without_losing_volume(monkeypatch):
     import vibraverse.geometry.cleaning.clean as module
 
-    monkeypatch.setattr(module, "_DENSE", 3000)
+    monkeypatch.setattr(module, "_DENSE_FACES", 3000)
     vertices, faces = shapes.ball(subdivisions=4)
     assert len(clean(vertices, faces).faces) == len(faces)  # nothing on a ball can go without moving it
     vertices, faces = shapes.box()

@@ -19,7 +19,7 @@ from vibraverse.geometry.meshing import quality
 from vibraverse.geometry.meshing import remesh as remesh_module
 from vibraverse.geometry.meshing import tets as tets_module
 from vibraverse.geometry.meshing.fill import fill, ordered
-from vibraverse.geometry.meshing.remesh import Evened, SheetsMeet, remesh
+from vibraverse.geometry.meshing.remesh import EvenSurface, SheetsMeet, remesh
 from vibraverse.geometry.meshing.ridges import ridges
 from vibraverse.geometry.meshing.tets import mesh_body, tetrahedralise
 
@@ -169,13 +169,13 @@ def test_far_too_many_triangles_are_not_made(monkeypatch):
     body, calls = shapes.ball(0.5), []
     mmg = remesh_module._mmg
     monkeypatch.setattr(remesh_module, "_mmg", lambda *a: calls.append(len(a[1])) or mmg(*a))
-    with pytest.raises(SheetsMeet, match=r"the remade surface would have \d+ triangles"):
+    with pytest.raises(SheetsMeet, match=r"the remeshed surface would have \d+ triangles"):
         remesh(*body, 0.005, 0.001, most=100_000)
     assert not calls
-    # Evening is left out, and the surface remade from the triangles it has.
-    fine = Evened(*body, 0.1, lambda points, size: np.full(len(points), size), 0.01, 35.0, most=2_000)
+    # The even surface is skipped, and the surface remeshed from its own triangles.
+    fine = EvenSurface(*body, 0.1, lambda points, size: np.full(len(points), size), 0.01, 35.0, most=2_000)
     assert not calls
-    assert len(fine.remade(0.1, 0.01)[1]) < 2_000
+    assert len(fine.remesh(0.1, 0.01)[1]) < 2_000
     assert calls
 
 
@@ -196,15 +196,15 @@ def test_a_blemish_is_not_mended_at_any_price(monkeypatch):
 
 
 def test_a_later_size_that_fails_does_not_lose_an_earlier_one(monkeypatch):
-    remade, sizes = tets_module._Body.remade, []
+    original, sizes = tets_module._Body.remesh, []
 
     def failing(self, size, ridge_deg):
         sizes.append((size, ridge_deg))
         if len(sizes) > 1:
             raise RuntimeError("Mmg gave up")
-        return remade(self, 2 * size, ridge_deg)  # far too few elements, so that another size is tried
+        return original(self, 2 * size, ridge_deg)  # far too few elements, so that another size is tried
 
-    monkeypatch.setattr(tets_module._Body, "remade", failing)
+    monkeypatch.setattr(tets_module._Body, "remesh", failing)
     mesh = tetrahedralise(*shapes.ball())
     assert len(sizes) == 2
     assert mesh.quality["ridge_deg"] == 35.0
@@ -218,10 +218,10 @@ def test_where_the_fit_makes_sheets_cut_each_other_it_may_yield(monkeypatch):
         return points - near * np.sign(points[:, :1]) * [0.05, 0.0, 0.0]
 
     monkeypatch.setattr(remesh_module, "_fitted", pushed)
-    evened = Evened(*balls, 0.1, lambda points, size: np.full(len(points), size), 0.01, 35.0)
+    even = EvenSurface(*balls, 0.1, lambda points, size: np.full(len(points), size), 0.01, 35.0)
     with pytest.raises(SheetsMeet):
-        evened.remade(0.1, 0.01)
-    points, triangles = evened.remade(0.1, 0.01, yielding=True)
+        even.remesh(0.1, 0.01)
+    points, triangles = even.remesh(0.1, 0.01, yielding=True)
     assert surfaces.topology(triangles, len(points)).components == 2
     assert not crossing_faces(points, triangles).any()
 

@@ -1,4 +1,4 @@
-"""The configuration: typed sections, one sentence for every mistake, a JSON schema made from the types."""
+"""The configuration: typed sections, a sentence for every mistake, and a JSON schema made from the types."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from vibraverse.physics.materials import MATERIALS, sampled_number
 
 
 class ConfigError(UsageError):
-    """A mistake in the configuration, said in one sentence; several, in a line each below what ``subject`` has."""
+    """Mistakes in the configuration: one is a sentence, several are a list with a line each under ``subject``."""
 
     def __init__(self, *mistakes: str, subject: str = "the configuration"):
         super().__init__(mistakes[0] if len(mistakes) == 1 else listed(subject, mistakes))
@@ -38,18 +38,18 @@ class Config(Section):
     """Folder of all products."""
 
     slice: str | None = None
-    """``i/n``: only the i-th of n parts of the objects, up to their shards of the dataset; ``join``: only what is made
-    of the shards. Without it, everything (see docs/cluster.md)."""
+    """``i/n``: only the i-th of n parts of the objects, up to their shards of the dataset; ``join``: only the products
+    made from the shards. Default: everything (see docs/cluster.md)."""
 
     sources: Sources = Sources()
-    """Which objects there are."""
+    """Sources of the objects."""
 
     materials: dict[str, Material | None] = Field(
         default_factory=lambda: dict.fromkeys(["ceramic", "glass", "wood", "steel"]),
         min_length=1,
         validate_default=True,
     )
-    """Materials by name: one of the table (leave the value empty) or your own with all five numbers."""
+    """Materials by name: one of the table (with an empty value) or your own with all five numbers."""
 
     sampled: Sampled = Sampled()
     """Materials drawn at random."""
@@ -79,17 +79,17 @@ class Config(Section):
     """Impact sounds."""
 
     images: Images = Images()
-    """Views."""
+    """Pictures."""
 
     dataset: Dataset = Dataset()
     """Shards, index and splits."""
 
     report: Report = Report()
-    """The page people open."""
+    """The report: a web page."""
 
     @field_validator("results")
     @classmethod
-    def _at_home(cls, path):
+    def _expand_home(cls, path):
         return os.path.expanduser(path)
 
     @field_validator("slice")
@@ -169,12 +169,12 @@ class Config(Section):
 
 
 def parse(values: dict | None) -> Config:
-    """Return the validated configuration, or raise :class:`ConfigError` with every mistake."""
+    """Return the validated configuration; raises :class:`ConfigError` with every mistake."""
     return validate(Config, values or {})
 
 
 def validate(model: type[BaseModel], values: dict, prefix: str = ""):
-    """Validate ``values`` as ``model``; every mistake becomes one sentence naming its key."""
+    """Return ``values`` validated as ``model``; raises :class:`ConfigError` with a sentence per mistake and key."""
     try:
         return model.model_validate(values)
     except ValidationError as error:
@@ -182,13 +182,13 @@ def validate(model: type[BaseModel], values: dict, prefix: str = ""):
 
 
 def section(named: str) -> type[BaseModel]:
-    """Return the section of the configuration that a step names as ``module:Class``."""
+    """Return the section class with the name ``module:Class`` in this package."""
     module, _, name = named.partition(":")
     return getattr(importlib.import_module(f"vibraverse.config.{module}"), name)
 
 
 def load(path: str | Path) -> Config:
-    """Read and validate a YAML configuration file."""
+    """Read and validate a YAML configuration file; raises :class:`ConfigError` with every mistake."""
     values = read(path)
     try:
         return parse(values)
@@ -199,7 +199,7 @@ def load(path: str | Path) -> Config:
 
 
 def read(path: str | Path) -> dict:
-    """Return the keys and values of a YAML file, or raise :class:`ConfigError` with one sentence that names it."""
+    """Return the keys and values of a YAML file; raises :class:`ConfigError` with a sentence that names the file."""
     import yaml
 
     path = Path(path)
@@ -217,7 +217,7 @@ def read(path: str | Path) -> dict:
         raise ConfigError(
             f"{path} is not valid YAML: {' '.join(str(error).split())}; save it as UTF-8 text"
         ) from None
-    if values is None:  # Snakemake takes no such file either
+    if values is None:  # Snakemake does not accept an empty file either
         raise ConfigError(f"{path} holds no keys; write {{}} for a run with every default")
     if not isinstance(values, dict):
         raise ConfigError(f"{path} must hold keys and values, not {_shown(values)}")
@@ -225,11 +225,11 @@ def read(path: str | Path) -> dict:
 
 
 def schema_text() -> str:
-    """Return the JSON schema of the configuration, as committed in ``workflow/schemas``."""
+    """Return the JSON schema of the configuration, which is committed in ``workflow/schemas``."""
     return json.dumps(Config.model_json_schema(), indent=2, ensure_ascii=False) + "\n"
 
 
-#: What is expected, by pydantic's name of the mistake; braces take its numbers.
+#: pydantic's type of a mistake -> the expectation in words; braces take values of its context.
 _EXPECTED = {
     "greater_than": "must be greater than {gt:g}",
     "greater_than_equal": "must be at least {ge:g}",
@@ -249,23 +249,23 @@ _EXPECTED = {
 
 def _sentences(model: type[BaseModel], errors: list[dict], prefix: str) -> list[str]:
     """Return one sentence for every mistake, unknown keys first."""
-    told: dict[str, str] = {}
+    sentences: dict[str, str] = {}
     branches: dict[tuple, str] = {}
     for error in sorted(errors, key=lambda one: one["type"] != "extra_forbidden"):
         *parent, name = error["loc"] or ("",)
-        # A misspelt key is also a missing one: say the misspelling.
+        # A misspelt key is also a missing one; report only the misspelling.
         if error["type"] == "missing" and any(
             sentence.startswith(f"unknown key '{_key(parent, prefix)}")
             and f"did you mean {name!r}?" in sentence
-            for sentence in told.values()
+            for sentence in sentences.values()
         ):
             continue
-        # What fits no branch of a union is wrong in each of them: say what the first wants.
+        # A value that fits no branch of a union is wrong in each; report only the first.
         at = next((place for place, part in enumerate(error["loc"]) if "[" in str(part)), None)
         if at is not None and branches.setdefault(error["loc"][:at], error["loc"][at]) != error["loc"][at]:
             continue
-        told.setdefault(_key(error["loc"], prefix), _sentence(model, error, prefix))
-    return list(told.values())
+        sentences.setdefault(_key(error["loc"], prefix), _sentence(model, error, prefix))
+    return list(sentences.values())
 
 
 def _key(location, prefix: str) -> str:
@@ -273,7 +273,7 @@ def _key(location, prefix: str) -> str:
     for part in location:
         if isinstance(part, int) and key:
             key += f"[{part}]"
-        elif "[" not in str(part):  # the others name a branch of a union, not a key
+        elif "[" not in str(part):  # the other parts name a branch of a union, not a key
             key += f".{part}" if key else str(part)
     return key
 
@@ -298,7 +298,7 @@ def _sentence(model: type[BaseModel], error: dict, prefix: str) -> str:
 
 
 def _as_keys(value) -> str:
-    """Return how materials that were named in a list are written: as keys, which may have values."""
+    """Return the advice to write materials as keys, which may have values, instead of a list."""
     given = value if isinstance(value, list) else [value]
     names = [
         name
@@ -310,7 +310,7 @@ def _as_keys(value) -> str:
 
 
 def _shown(value) -> str:
-    """Return a wrong value as a sentence shows it."""
+    """Return a wrong value as shown in a sentence."""
     if value is None or value == {} or value == []:
         return "nothing"
     if isinstance(value, dict):
@@ -320,7 +320,7 @@ def _shown(value) -> str:
 
 
 def _fields_at(model: type[BaseModel], location) -> list[str]:
-    """Return the keys that are valid where an unknown one was found."""
+    """Return the valid keys at the place of an unknown one."""
     current = model
     for part in location:
         inner = getattr(current, "model_fields", {}).get(part) if isinstance(part, str) else None
@@ -329,7 +329,7 @@ def _fields_at(model: type[BaseModel], location) -> list[str]:
 
 
 def section_in(annotation):
-    """Return the section class inside an annotation such as ``list[Files]`` or ``dict[str, Material]``."""
+    """Return the section class in an annotation such as ``list[Files]`` or ``dict[str, Material]``, or None."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     for argument in getattr(annotation, "__args__", ()):

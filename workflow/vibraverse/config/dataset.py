@@ -21,47 +21,48 @@ def _shares_add_up(splits: dict[str, float]) -> dict[str, float]:
 
 
 class Card(Section):
-    """What the dataset's card says of itself; the rest is counted."""
+    """What the dataset card states; the rest is counted."""
 
     name: str = Field("VibraVerse dataset", min_length=1)
     """Name of the dataset."""
 
     description: str = "Shapes, materials, vibration modes, impact sounds and pictures that agree by physics."
-    """What it is, in a sentence or two."""
+    """Description in one or two sentences."""
 
     creators: list[str] = Field(default_factory=lambda: ["VibraVerse"], min_length=1)
-    """Who made it."""
+    """Names of the creators."""
 
     version: str = "1.0.0"
     """Version of the dataset."""
 
     url: str | None = None
-    """Where it can be had; say it before publishing."""
+    """Address of the dataset; set it before publishing."""
 
     published: str | None = Field(None, pattern=r"^\d{4}-\d{2}-\d{2}$")
-    """Date of publication, YYYY-MM-DD; say it before publishing, since no stage looks at the clock."""
+    """Date of publication, YYYY-MM-DD; set it before publishing, because no stage reads the clock."""
 
     licence: str | None = None
-    """Licence of the whole; without it the sources' licences are listed."""
+    """Licence of the whole dataset. Default: the licences of the sources are listed."""
 
 
 class Dataset(Section):
     """HDF5 shards, index and splits."""
 
     shards: int = Field(4, ge=1, le=100_000)
-    """Number of HDF5 files; an object's shard is a stable hash of its id. Changing it rewrites all."""
+    """Number of HDF5 files; an object's shard is a stable hash of its id. A change rewrites all shards."""
 
     splits: dict[str, float] = Field(default_factory=lambda: {"train": 0.8, "validation": 0.1, "test": 0.1})
     """Share of the objects in each split; an object's split is a stable hash of its id, or that of its original."""
 
     stratify: Literal["none", "origin", "category"] = "none"
-    """Whether each origin, or each category, is divided in these shares too; then a growing set moves a few objects."""
+    """Whether each origin, or each category, is divided in these shares too. Then a growing dataset moves a few objects
+    to another split."""
 
     keep_splits: str | None = None
-    """A ``splits.tsv`` of an earlier dataset: what it lists stays where it is, whatever else changes."""
+    """A ``splits.tsv`` of an earlier dataset, whose objects keep their splits, whatever else changes."""
 
     card: Card = Card()
-    """What the card and the Croissant metadata say of the whole."""
+    """Statements about the dataset in its card and its Croissant metadata."""
 
     max_refused_share: float = Field(0.5, ge=0, le=1)
     """The run fails when a larger share of the objects is refused."""
@@ -73,13 +74,13 @@ class Dataset(Section):
 
 
 class ShardOptions(Section):
-    """What one shard holds; the workflow fills this in from the rest of the configuration."""
+    """Contents of one shard, which the workflow fills in from the rest of the configuration."""
 
     results: str = Field("results", exclude=True)
-    """Folder of all products. Where a shard is made does not change its bytes, so its record omits this."""
+    """Folder of all products. The bytes of a shard do not depend on it, so its record omits it."""
 
     objects: list[str] = Field(default_factory=list, exclude=True)
-    """Ids of the objects in the shard; its groups list them."""
+    """Ids of the objects in the shard, which are also the names of its groups."""
 
     materials: list[str] = Field(min_length=1)
     """Materials to pack."""
@@ -92,16 +93,16 @@ class ShardOptions(Section):
 
 
 class IndexOptions(Section):
-    """What the index decides and says: the splits and the card."""
+    """Options of the index: the splits and the card."""
 
     splits: dict[str, float] = Field(default_factory=lambda: Dataset().splits)
     """Share of the objects in each split."""
 
     stratify: Literal["none", "origin", "category"] = "none"
-    """Column of the index whose every value is divided in these shares, if any."""
+    """Column of the index; the objects of each of its values are divided in these shares."""
 
     card: Card = Card()
-    """What the card says of the whole."""
+    """Statements about the dataset in its card."""
 
     @field_validator("splits")
     @classmethod
@@ -110,10 +111,10 @@ class IndexOptions(Section):
 
 
 class Report(Section):
-    """The page people open."""
+    """The report: a web page."""
 
     title: str = "VibraVerse"
     """Heading of the page."""
 
     max_objects: int = Field(60, ge=1)
-    """Objects shown in full; the others are counted."""
+    """Largest number of objects shown in full; the others are counted."""

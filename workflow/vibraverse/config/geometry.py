@@ -13,29 +13,31 @@ class Limits(Section):
     """Limits of a tool that runs in a child process."""
 
     seconds: PositiveInt = 300
-    """CPU time after which the tool is stopped and the object refused; also how long it may stand still."""
+    """CPU time in seconds after which the tool is stopped and the object refused; also the limit on time without
+    progress."""
 
     memory_mb: PositiveInt = 4096
-    """Memory, besides its libraries', beyond which the tool is stopped and the object refused."""
+    """Memory in MB, not counting libraries, above which the tool is stopped and the object refused."""
 
 
 class Clean(Section):
     """Mesh cleaning."""
 
     max_triangles: PositiveInt = 2_000_000
-    """A larger mesh is refused."""
+    """Largest number of triangles of a mesh; larger meshes are refused."""
 
     max_dropped: float = Field(0.5, ge=0, lt=1)
-    """Of bodies that lie apart the largest is kept; when the others hold more of the volume, the object is refused."""
+    """Largest share of the volume that may be dropped. The largest of separate bodies is kept; the object is refused if
+    the others hold more."""
 
     open_sheets: Literal["refuse", "thicken"] = "refuse"
-    """What to do with a surface that encloses nothing, such as a cloth or a terrain."""
+    """Treatment of a surface that encloses no volume, such as a cloth or a terrain."""
 
     sheet_thickness: float = Field(0.02, ge=0.005, le=0.2)
     """Thickness of a thickened sheet, as a share of its longest side."""
 
     limits: Limits = Limits()
-    """Limits of reading and repairing the mesh."""
+    """Limits on reading and repairing the mesh."""
 
 
 class Grids(Section):
@@ -49,16 +51,16 @@ class Grids(Section):
 
 
 class Hollow(Section):
-    """Hollow bodies: the outside stays, ``S(P) <= t · s_min`` is taken away."""
+    """Hollow bodies: the cavity is ``S(P) <= t · s_min``, and the outside does not change."""
 
     thickness: tuple[float, float] = (0.3, 0.7)
-    """Range of ``t``, drawn by the object's seed: the wall reaches ``t`` of the way to the deepest point."""
+    """Range of ``t``, drawn by the object's seed: the wall is ``t`` times the depth of the deepest point."""
 
     min_kept: float = Field(0.0, ge=0, lt=1)
-    """Refuse a hollow body whose cavity has less than this share of the volume that ``t`` asks for."""
+    """Smallest share of the wanted volume that a cavity must have; otherwise the hollow body is refused."""
 
     limits: Limits = Limits()
-    """Limits of making the cavity."""
+    """Limits on making the cavity."""
 
     @field_validator("thickness")
     @classmethod
@@ -73,13 +75,13 @@ class Tets(Section):
     """Tetrahedra."""
 
     target_elements: PositiveInt = 5000
-    """Number of tetrahedra to aim for; thin-walled bodies may take twice as many."""
+    """Target number of tetrahedra; thin-walled bodies may get twice as many."""
 
     max_volume_change: PositiveFloat = 0.005
-    """Largest relative change of volume that remeshing the surface may cause."""
+    """Largest relative change of volume by remeshing."""
 
     min_dihedral_deg: float = Field(0.1, ge=0, lt=60)
-    """Smallest angle between two faces of a tetrahedron, in degrees, that a mesh may have."""
+    """Smallest dihedral angle of a tetrahedron that a mesh may have, in degrees."""
 
     limits: Limits = Limits()
-    """Limits of the mesher."""
+    """Limits on the mesher."""

@@ -22,27 +22,27 @@ class Audio(Section):
     """Sample format of the WAV files."""
 
     decay_db: PositiveFloat = 60.0
-    """A sound ends where it has fallen by this many decibels …"""
+    """A sound ends when it has fallen by this many decibels …"""
 
     max_s: float = Field(4.0, gt=0, le=60)
     """… or after this many seconds."""
 
     points: list[tuple[_Normalised, _Normalised, _Normalised]] = Field(default_factory=list)
-    """Struck points in normalised coordinates, -1 to 1; for each, one more sound per material. Empty: only the
+    """Struck points in normalised coordinates, -1 to 1; each adds a sound per material. Empty: only the
     location-invariant sound."""
 
     sampled: NonNegativeInt = 0
-    """How many of the sampled materials also get a sound, location-invariant, the first ones."""
+    """Number of sampled materials, the first ones, that also get a location-invariant sound."""
 
     def names(self, materials) -> list[str]:
-        """Return the sounds of a body, by the stems of their files: ``ceramic``, ``ceramic-p0``, …"""
+        """Return the names of the sounds of a body, without extensions: ``ceramic``, ``ceramic-p0``, …"""
         struck = ["", *(f"-p{index}" for index in range(len(self.points)))]
         named = [f"{material}{suffix}" for material in materials for suffix in struck]
         return named + [sampled_name(number) for number in range(self.sampled)]
 
 
 def split_sound(name: str, materials) -> tuple[str | None, int | None]:
-    """Return the material and the number of the struck point that a sound's name means; None where none."""
+    """Return the material and the number of the struck point in the name of a sound, each None if it has none."""
     if name in materials:
         return name, None
     material, _, point = name.rpartition("-p")
@@ -50,13 +50,13 @@ def split_sound(name: str, materials) -> tuple[str | None, int | None]:
 
 
 class Images(Section):
-    """Views of the outside."""
+    """Pictures of the outside."""
 
     views: int = Field(6, ge=1, le=64)
     """Views per look, spread evenly around the object."""
 
     looks: list[str] = Field(default_factory=lambda: ["clay", "ceramic", "glass", "wood", "steel"])
-    """Looks to render: ``clay`` is neutral, the others are named like the materials. Each counts once."""
+    """Looks to render: ``clay`` is neutral, the others are named like materials. Duplicates are ignored."""
 
     size_px: int = Field(256, ge=32, le=4096)
     """Width and height in pixels."""
@@ -67,5 +67,5 @@ class Images(Section):
         return list(dict.fromkeys(looks))
 
     def names(self) -> list[str]:
-        """Return the pictures of an object, by the stems of their files: ``clay-00``, ``clay-01``, …"""
+        """Return the names of the pictures of an object, without extensions: ``clay-00``, ``clay-01``, …"""
         return [f"{look}-{view:02d}" for look in self.looks for view in range(self.views)]

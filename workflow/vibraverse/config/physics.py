@@ -1,4 +1,4 @@
-"""Options of the stages that compute modes."""
+"""Options of materials and of the stages that compute modes."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ Young = plausible(young_mistake, YOUNG_PA)
 
 
 def ascending(value: tuple[float, float]) -> tuple[float, float]:
-    """Return a range as it is; raise :class:`ValueError` where its ends are the wrong way round."""
+    """Return a range unchanged; raises :class:`ValueError` if its ends descend."""
     if value[0] > value[1]:
         raise ValueError(f"must ascend, not fall from {value[0]:g} to {value[1]:g}")
     return value
@@ -29,8 +29,8 @@ class Material(Section):
     """Density in kg/m³, 1 to 25,000."""
 
     young_pa: Young
-    """Young's modulus in Pa, 1e3 to 1.5e12; with the density it may mean no more than 35 km/s of speed of sound, and
-    in what is denser than 2000 no less than 12 m/s."""
+    """Young's modulus in Pa, 1e3 to 1.5e12. The speed of sound that follows from it and the density must be at most
+    35 km/s, and at least 12 m/s in materials above 2000 kg/m³."""
 
     poisson: Poisson
     """Poisson's ratio."""
@@ -49,17 +49,17 @@ class Material(Section):
 
 
 class Sampled(Section):
-    """Materials drawn at random for every object, beside the named ones; both bodies of an object share them.
+    """Materials drawn at random for every object, in addition to the named ones; both bodies of an object share them.
 
-    A material is drawn by the object's id, ``seed`` and its number, so a higher count keeps the earlier ones. Poisson's
-    ratio is drawn evenly, everything else evenly in its logarithm.
+    A material depends on the object's id, ``seed`` and its number, so a higher count keeps the earlier ones. Poisson's
+    ratio is drawn uniformly, every other parameter log-uniformly.
     """
 
     count: int = Field(0, ge=0, le=10_000)
-    """How many materials for every object; they are named ``sampled-0000``, ``sampled-0001``, …"""
+    """Number of materials for every object; they are named ``sampled-0000``, ``sampled-0001``, …"""
 
     seed: NonNegativeInt = 0
-    """Another seed draws other materials."""
+    """Seed of the draw; another seed gives other materials."""
 
     density_kg_m3: tuple[Density, Density] = (500.0, 10_000.0)
     """Range of the density in kg/m³."""
@@ -68,7 +68,7 @@ class Sampled(Section):
     """Range of Young's modulus in Pa."""
 
     poisson: tuple[Poisson, Poisson] = (0.1, 0.4)
-    """Range of Poisson's ratio, inside ``basis.poisson_range``: these materials are never solved on the mesh."""
+    """Range of Poisson's ratio, within ``basis.poisson_range`` because these materials are never solved on the mesh."""
 
     alpha_per_s: tuple[PositiveFloat, PositiveFloat] = (0.5, 60.0)
     """Range of the mass-proportional damping in 1/s; the default is that of the table of materials."""
@@ -93,25 +93,26 @@ class Basis(Section):
     """Element order: 1 (stiff, for comparison with published data) or 2."""
 
     modes: PositiveInt = 64
-    """Elastic modes kept."""
+    """Number of elastic modes kept."""
 
     poisson_range: tuple[Poisson, Poisson] = (0.1, 0.4)
-    """Lowest and highest Poisson's ratio for which the basis holds."""
+    """Range of Poisson's ratio for which the basis is valid."""
 
     max_error: float = Field(1e-5, gt=0, le=1e-2)
-    """Relative error that the basis may add to a frequency, as estimated, anywhere in that range."""
+    """Largest estimated relative error that the basis may add to a frequency, anywhere in that range."""
 
     method: Literal["auto", "lanczos", "arpack", "lobpcg", "dense"] = "auto"
-    """Eigensolver: ``auto`` takes block Lanczos, or a dense solve where the mesh is tiny."""
+    """Eigensolver: ``auto`` means block Lanczos, or a dense solve for a tiny mesh."""
 
     factorisation: Literal["auto", "pardiso", "superlu"] = "auto"
-    """Sparse factorisation: ``auto`` takes PARDISO where it is installed, else SuperLU."""
+    """Sparse factorisation: ``auto`` means PARDISO if it is installed, else SuperLU."""
 
     tolerance: float = Field(1e-3, gt=0, le=1e-2)
-    """Largest ``‖K u - ω² M u‖ / ‖ω² M u‖`` of the sparse solve; eigenvalues are right to about its square."""
+    """Largest residual ``‖K u - ω² M u‖ / ‖ω² M u‖`` of the sparse solve; the error of eigenvalues is about its
+    square."""
 
     memory_mb: PositiveInt = 16000
-    """Memory (address space) that the solve may take; a body that needs more is refused."""
+    """Memory (address space) in MB for the solve; a body that needs more is refused."""
 
     @field_validator("poisson_range")
     @classmethod
@@ -123,17 +124,17 @@ class Modes(Section):
     """Frequencies, damping and mode shapes of every material."""
 
     corrected: bool = True
-    """Whether the elements' own error is taken out of the frequencies, as far as it is known (see docs/basis.md)."""
+    """Whether the estimated discretisation error is removed from the frequencies (see docs/basis.md)."""
 
     tolerance: float = Field(1e-4, gt=0, le=1e-2)
-    """Largest estimated relative error by the basis; a material beyond it is solved on the mesh itself."""
+    """Largest estimated relative error by the basis; a material above it is solved on the mesh."""
 
     memory_mb: PositiveInt = 16000
-    """Memory (address space) that such a solve may take; a body that needs more is refused."""
+    """Memory (address space) in MB for such a solve; a body that needs more is refused."""
 
 
 class MaterialModes(Modes):
-    """What the stage ``modes`` is told of one object."""
+    """Options of the stage ``modes`` for one object."""
 
     materials: dict[str, Material]
     """Materials by name."""
@@ -142,13 +143,13 @@ class MaterialModes(Modes):
     """Materials drawn at random."""
 
     size_m: Size | None = None
-    """Longest side of the bounding box in metres; without it the size the source states, else the default."""
+    """Longest side of the bounding box in metres. Default: the size that the source states, else ``default_size_m``."""
 
     size_origin: str | None = None
-    """Who says ``size_m``: ``configuration`` or ``manifest``."""
+    """Origin of ``size_m``: ``configuration`` or ``manifest``."""
 
     default_size_m: Size = 0.15
-    """Longest side in metres where the source states none."""
+    """Longest side in metres if the source states none."""
 
     modes: PositiveInt = 64
-    """Elastic modes kept."""
+    """Number of elastic modes kept."""

@@ -1,4 +1,4 @@
-"""Every key of the configuration with its default and meaning, made from the sections themselves."""
+"""Reference of the configuration: every key with its default and meaning, generated from the sections."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def markdown() -> str:
 
 
 def _rows(fields: dict[str, FieldInfo], prefix: str):
-    """Yield key, default and meaning of every field, sections inside included."""
+    """Yield key, default and meaning of every field, including those of nested sections."""
     for name, field in fields.items():
         key = f"{prefix}.{name}" if prefix else name
         inner = section_in(field.annotation) if prefix else None

@@ -1,4 +1,4 @@
-"""Which objects there are."""
+"""Options of the sources of objects."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ class Generated(Section):
     """Objects drawn from the parametric shape families."""
 
     count: NonNegativeInt = 8
-    """How many objects; families take turns in the order listed."""
+    """Number of objects; families take turns in the order listed."""
 
     families: list[str] | Literal["all"] = "all"
     """Family names, or ``all``."""
 
     first: NonNegativeInt = 0
-    """Number of the first object of each family, to draw a set that shares none with another."""
+    """Number of the first object of each family; another number gives a set without common objects."""
 
 
 class Files(Section):
@@ -30,17 +30,17 @@ class Files(Section):
     mesh per row. ``docs/own-meshes.md`` lists the formats."""
 
     size_m: Size | None = None
-    """Longest side of every mesh in metres, 0.001 to 50, unless its row states one; without it files that
-    state a size keep it and others get ``sources.default_size_m``."""
+    """Longest side of every mesh in metres, 0.001 to 50, unless its row states one. Default: the size that the file
+    states, else ``sources.default_size_m``."""
 
     category: str | None = None
-    """What kind of thing these files show, unless a row says it; kept in every record."""
+    """Category of these files, unless a row states one; kept in every record."""
 
     categories: list[str] = Field(default_factory=list)
-    """The categories there are: a manifest's row, or ``category``, that says another one is a mistake. Empty: any."""
+    """Valid categories for ``category`` and for the rows of a manifest. Empty: any."""
 
     licence: str = "unknown"
-    """Licence that holds for these files, unless a row states one; kept in every record."""
+    """Licence of these files, unless a row states one; kept in every record."""
 
 
 class Objaverse(Section):
@@ -50,14 +50,14 @@ class Objaverse(Section):
     """Objaverse UIDs."""
 
     cache: str = "~/.objaverse"
-    """Folder of the cache; what is in it is used without a network."""
+    """Folder of the cache; cached models need no network."""
 
 
 class Sources(Section):
-    """Where the objects come from."""
+    """Sources of the objects."""
 
     generated: Generated = Generated()
-    """Parametric shapes; need no files and no network."""
+    """Parametric shapes, which need no files and no network."""
 
     bundled: list[str] = Field(default_factory=lambda: ["nut", "airplane", "ant"])
     """Models that ship inside the pyvista package: nut, airplane, ant."""
@@ -72,18 +72,18 @@ class Sources(Section):
     """Longest side in metres of an object whose source states no size."""
 
     sizes_m: dict[str, Size] = Field(default_factory=dict)
-    """Longest side in metres by object id, overriding every other statement. Changing a size reruns only
-    ``modes`` and what reads it."""
+    """Longest side in metres by object id, with priority over every other size. A change reruns only ``modes`` and the
+    stages that depend on it."""
 
 
 class SourceEntry(Section):
-    """Where one object comes from: the options of the stage ``sources``."""
+    """Options of the stage ``sources`` for one object."""
 
     origin: Literal["generated", "bundled", "files", "objaverse"] = "generated"
-    """``generated`` and ``bundled`` objects are named by their id, ``files`` by the input."""
+    """Kind of source; ``generated`` and ``bundled`` objects are found by their id, ``files`` by the input."""
 
     category: str | None = None
-    """What kind of thing a mesh of your own shows."""
+    """Category of a mesh of your own."""
 
     licence: str = "unknown"
     """Licence of a mesh of your own."""
@@ -92,4 +92,4 @@ class SourceEntry(Section):
     """Objaverse UID."""
 
     cache: str = Field("~/.objaverse", exclude=True)
-    """Folder of the Objaverse cache; it is no part of what an object is, so no record names it."""
+    """Folder of the Objaverse cache; objects do not depend on it, so records omit it."""

@@ -1,1 +1,1 @@
-"""Files to arrays and back."""
+"""Reading and writing of files: meshes, tetrahedra, modal bases and modes."""

@@ -6,7 +6,7 @@ from dataclasses import fields
 
 from vibraverse.physics.reduced import ModalBasis
 
-#: Where each field of a ModalBasis lies in basis.h5, its type there, and its unit.
+#: Field of a ModalBasis -> its path in basis.h5, its type and its unit.
 _DATASETS = {
     "a_lambda": ("reduced/lambda", "f8", "1 (E = rho = 1, mesh units)"),
     "a_mu": ("reduced/mu", "f8", "1 (E = rho = 1, mesh units)"),
@@ -30,12 +30,12 @@ _DATASETS = {
     "inertia": ("rigid/inertia", "f8", "normalised length^5, unit density"),
 }
 
-#: What only mode shapes need.
+#: Fields that only mode shapes need.
 _ON_SURFACE = ("vertices", "faces", "surface", "correction_surface")
 
 
 def write_basis(h5, basis) -> None:
-    """Write a ModalBasis to an open HDF5 file; what is no array becomes an attribute."""
+    """Write a ModalBasis to an open HDF5 file: arrays as datasets, other fields as attributes."""
     for field in fields(basis):
         value = getattr(basis, field.name)
         if field.name in _DATASETS:
@@ -49,7 +49,8 @@ def write_basis(h5, basis) -> None:
 def read_basis(h5, surface: bool = True) -> ModalBasis:
     """Return the ModalBasis of an open HDF5 file or group.
 
-    Without ``surface``, by far the largest part, it serves for frequencies alone: what lies on the surface is None.
+    Without ``surface``, by far the largest part, the arrays on the surface are None and only frequencies can be
+    computed.
     """
     values = {}
     for field in fields(ModalBasis):

@@ -1,8 +1,8 @@
-"""Mesh files to arrays and back, in every format of :mod:`vibraverse.files.formats`.
+"""Reading of mesh files in every format of :mod:`vibraverse.files.formats`, and writing as PLY.
 
-Reading keeps what the file says: vertices are neither merged nor reordered nor dropped, polygons become
-triangles, and a scene of several parts becomes one mesh with each part where its transforms put it. Whatever
-the bytes, the result is a mesh or a refusal that says what is wrong with the file, in bounded memory.
+Reading neither merges nor reorders nor drops vertices. Polygons become triangles, and a scene becomes one mesh with its
+parts transformed into place. Whatever the bytes, the result is a mesh or a refusal that names the mistake, in bounded
+memory.
 """
 
 from __future__ import annotations
@@ -23,19 +23,19 @@ _EXPORT_AGAIN = "Export it again from the program that made it."
 _EXPORT_WHOLE = "Export it again, completely: the file seems cut off."
 _CHECK_NAME = "Check that the file is whole and that its extension tells its format, then export it again."
 
-#: Far above what any stage can use; a stage passes its own limit.
+#: Default limit, far above what any stage can use; stages pass their own.
 _MAX_TRIANGLES = 100_000_000
 
 
 def read_mesh(
     path: str | Path, format: str | None = None, name: str | None = None, max_triangles: int = _MAX_TRIANGLES
 ) -> MeshData:
-    """Read a mesh file.
+    """Return the mesh in a file.
 
-    ``format`` is the key of a format (default: by the extension); ``name`` is what to call the file in
-    a refusal (default: its own name). A file that has more than ``max_triangles``, or says so, is refused before
-    memory is spent on them. Raises :class:`Refused` with reason ``unreadable``, ``empty``, ``not_finite`` or
-    ``too_large``, and ``MemoryError``; nothing else whatever the bytes are.
+    ``format`` is the key of a format (default: by the extension); ``name`` is the name of the file in refusals
+    (default: its own). A file that has, or announces, more than ``max_triangles`` is refused before memory is
+    allocated for them. Raises :class:`Refused` with reason ``unreadable``, ``empty``, ``not_finite`` or ``too_large``,
+    or ``MemoryError``; nothing else, whatever the bytes.
     """
     path = Path(path)
     name = name or path.name
@@ -66,7 +66,7 @@ def read_mesh(
 
 
 def _checked(mesh: MeshData, name: str) -> MeshData:
-    """Return the mesh in its final types, or raise what is wrong with it."""
+    """Return the mesh in its final types; raises :class:`Refused` if it is not valid."""
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     if len(vertices) == 0:
@@ -103,12 +103,12 @@ _PLY_HEADER = (
 
 
 def write_ply(path: str | Path, vertices: np.ndarray, faces: np.ndarray) -> None:
-    """Write ``vertices`` (V, 3) and ``faces`` (F, 3) as a binary PLY of doubles; same arrays, same bytes."""
+    """Write ``vertices`` (V, 3) and ``faces`` (F, 3) as a binary PLY of doubles, reproducible byte for byte."""
     Path(path).write_bytes(ply_bytes(vertices, faces))
 
 
 def ply_bytes(vertices: np.ndarray, faces: np.ndarray) -> bytes:
-    """Return what :func:`write_ply` writes."""
+    """Return the bytes that :func:`write_ply` writes."""
     rows = np.zeros(len(faces), dtype=[("count", "u1"), ("corners", "<i4", (3,))])
     rows["count"], rows["corners"] = 3, faces
     header = _PLY_HEADER.format(vertices=len(vertices), faces=len(faces)).encode()
@@ -116,6 +116,6 @@ def ply_bytes(vertices: np.ndarray, faces: np.ndarray) -> bytes:
 
 
 def read_ply(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return vertices (V, 3) float64 and faces (F, 3) int64 of a PLY, exactly as :func:`write_ply` wrote."""
+    """Return vertices (V, 3) float64 and faces (F, 3) int64 of a PLY, exactly as :func:`write_ply` wrote them."""
     mesh = read_mesh(path, "ply")
     return mesh.vertices, mesh.faces

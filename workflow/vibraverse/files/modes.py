@@ -12,9 +12,8 @@ from vibraverse.physics.shapes import mode_shapes
 def read_spectrum(h5, material: str) -> tuple:
     """Return frequencies in Hz (m,) and decay rates in 1/s (m,) of a material, named or sampled.
 
-    ``h5`` is an open modes.h5, or the group of a body in a shard, which has its layout.
-
-    Raises :class:`KeyError` where there is no such material.
+    ``h5`` is an open modes.h5, or the group of a body in a shard, which has the same layout. Raises :class:`KeyError`
+    if the material does not exist.
     """
     number = sampled_number(material)
     if number is None:
@@ -28,23 +27,23 @@ def read_spectrum(h5, material: str) -> tuple:
 
 
 def read_surface(h5, vertices=None) -> tuple[np.ndarray, np.ndarray]:
-    """Return what mode shapes are made of: the basis (V, 3, r) and its corrections (V, 3, c) on the surface.
+    """Return the basis (V, 3, r) and its corrections (V, 3, c) on the surface, from which mode shapes are combined.
 
-    ``h5`` is an open basis.h5, or that group of a body in a shard; ``vertices`` chooses some of the surface's.
+    ``h5`` is an open basis.h5, or the same group of a body in a shard; ``vertices`` selects some vertices.
     """
 
     arrays = h5["surface/basis"], h5["correction/surface"]
     if vertices is None:
         return tuple(array[()] for array in arrays)
-    ascending, places = np.unique(vertices, return_inverse=True)  # as HDF5 takes them, in one go
+    ascending, places = np.unique(vertices, return_inverse=True)  # HDF5 selects in ascending order
     return tuple(array[ascending][places] for array in arrays)
 
 
 def read_mode_shapes(h5, surface: tuple, material: str, vertices=None) -> np.ndarray:
     """Return the mode shapes (m, V, 3) of a named material in kg^(-1/2), float32.
 
-    ``h5`` is as for :func:`read_spectrum`; ``surface`` and ``vertices`` as for :func:`read_surface`, which gave it.
-    Raises :class:`KeyError` where there is no such material.
+    ``h5`` is as for :func:`read_spectrum`; ``surface`` is the result of :func:`read_surface` for the same ``vertices``.
+    Raises :class:`KeyError` if the material does not exist.
     """
     group = h5["materials"][material]
     if "mode_shapes" in group:  # solved on the mesh itself

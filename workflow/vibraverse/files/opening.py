@@ -1,4 +1,4 @@
-"""Mesh files opened and copied, without a look at what is in them."""
+"""Opening and copying of mesh files, whatever their contents."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from vibraverse.files.reading.bounds import MAX_BYTES, TooLarge
 def open_regular(path: Path, name: str | None = None) -> BinaryIO:
     """Open a mesh file for reading, without waiting for a pipe or a device.
 
-    Raises :class:`Refused`: ``unreadable`` where there is no file that may be read, ``too_large`` for one of
-    more than ``MAX_BYTES``. ``name`` is what to call it (default: its own name).
+    ``name`` is the name of the file in refusals (default: its own). Raises :class:`Refused` with reason ``unreadable``
+    if it is not a readable file, ``too_large`` if it has more than ``MAX_BYTES``.
     """
     name = name or path.name
     try:
@@ -40,10 +40,10 @@ def open_regular(path: Path, name: str | None = None) -> BinaryIO:
 
 
 def as_one_file(path: Path, target: Path) -> tuple[str, float | None]:
-    """Copy a mesh file to ``target``; return its format's key and the metres per unit it states (None: it states none).
+    """Copy a mesh file to ``target``; return the key of its format and the metres per unit that it states, or None.
 
-    A .gltf becomes a GLB that holds its neighbours too. Raises :class:`Refused` (``unreadable``) when one is
-    missing, or as :func:`open_regular` does; the bytes are not looked at otherwise.
+    A .gltf becomes a GLB that includes its neighbours. The bytes are not checked otherwise. Raises :class:`Refused` as
+    :func:`open_regular` does, and if a neighbour is missing (``unreadable``).
     """
     format = of_file(path)
     with open_regular(path) as file:

@@ -1,4 +1,4 @@
-"""Cleaning, grids, hollowing and tetrahedra: arrays in, arrays out, no file paths."""
+"""Mesh cleaning, grids, hollow bodies and tetrahedra: arrays in, arrays out, no file paths."""
 
 from __future__ import annotations
 
@@ -10,5 +10,5 @@ if TYPE_CHECKING:
 #: Triangles: vertices (V, 3) float64 and faces (F, 3) integers, counter-clockwise seen from outside.
 Mesh: TypeAlias = "tuple[np.ndarray, np.ndarray]"
 
-#: Longest side of a cleaned body's bounding box, which is centred at the origin.
+#: Longest side of a cleaned body's bounding box. The box is centred at the origin.
 LONGEST_SIDE = 1.8

@@ -1,10 +1,9 @@
 """Voxels and signed distance on the cell centres of [-1, 1]³.
 
 Sample ``i`` of ``n`` lies at ``x_i = -1 + (2i+1)/n`` along each axis; arrays are indexed ``[ix, iy, iz]``. The
-distance to the triangles is exact. Its sign comes from rays: one ray along z through
-every column of cells enters the body where it meets a face from outside and leaves where it meets one from
-inside. That is 16,384 rays for 128³ cells; a ray that does not enter and leave in turn has met an edge twice and is
-cast again a little aside.
+distance to the triangles is exact. Its sign comes from one ray along z through every column of cells, 16,384 rays for
+128³ cells. A ray enters the body where it hits a face from outside and leaves where it hits one from inside. If its
+entries and exits do not alternate, it has hit an edge twice; then it is shifted slightly and cast again.
 """
 
 from __future__ import annotations
@@ -15,10 +14,10 @@ from vibraverse.contract.errors import Refused
 from vibraverse.geometry import Mesh
 from vibraverse.geometry.surfaces import normals_and_areas
 
-#: Sideways steps tried for a ray that grazes an edge, in cells.
-_ASIDE = 1e-4
-_ATTEMPTS = 12
-#: Distances are multiples of this.
+#: Sideways shift of a ray that grazes an edge, in cells per attempt, and the number of attempts.
+_JITTER = 1e-4
+_MAX_ATTEMPTS = 12
+#: Distances are rounded to multiples of this.
 QUANTUM = 2.0**-20
 
 
@@ -28,7 +27,7 @@ def cell_centres(n: int) -> np.ndarray:
 
 
 class Sampler:
-    """Samples a closed surface (V, 3), (F, 3) inside [-1, 1]³ on grids of any number of cells."""
+    """Sampler of a closed surface (V, 3), (F, 3) inside [-1, 1]³ on grids of any resolution."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, threads: int = 1):
         from open3d.t.geometry import RaycastingScene
@@ -45,24 +44,24 @@ class Sampler:
     def occupancy(self, n: int) -> np.ndarray:
         """Return which cell centres lie inside, (n, n, n) bool.
 
-        Raises :class:`Refused` with reason ``too_thin`` when rays do not enter and leave in turn. That takes a surface
-        whose sides are nearer to each other than single precision tells, or one that is open.
+        Raises :class:`Refused` with reason ``too_thin`` when the entries and exits of a ray do not alternate. Then the
+        surface is open, or its sides are closer than single precision resolves.
         """
         x = cell_centres(n)
         column_x, column_y = np.repeat(x, n), np.tile(x, n)
         inside = np.zeros((n * n, n), dtype=bool)
-        todo = np.arange(n * n)
+        pending = np.arange(n * n)
         generator = np.random.Generator(np.random.PCG64(0))
-        for attempt in range(_ATTEMPTS):
-            aside = _ASIDE * (x[1] - x[0]) * attempt * generator.uniform(-1, 1, (2, len(todo)))
-            found, fair = self._columns(column_x[todo] + aside[0], column_y[todo] + aside[1], x)
-            inside[todo[fair]] = found[fair]
-            todo = todo[~fair]
-            if not len(todo):
+        for attempt in range(_MAX_ATTEMPTS):
+            shift = _JITTER * (x[1] - x[0]) * attempt * generator.uniform(-1, 1, (2, len(pending)))
+            found, alternate = self._columns(column_x[pending] + shift[0], column_y[pending] + shift[1], x)
+            inside[pending[alternate]] = found[alternate]
+            pending = pending[~alternate]
+            if not len(pending):
                 return inside.reshape(n, n, n)
         raise Refused(
             "too_thin",
-            f"{len(todo)} of {n * n} rays through the body do not enter and leave it in turn: it is thinner there than "
+            f"{len(pending)} of {n * n} rays do not enter and leave the body alternately: it is thinner there than "
             "a ten-millionth of its length, or its surface is open.",
             "Thicken the body there, or close its surface, in the program that made it.",
         )
@@ -70,8 +69,8 @@ class Sampler:
     def signed_distance(self, n: int) -> np.ndarray:
         """Return the signed distance at the cell centres, (n, n, n) float32, negative inside.
 
-        Distances are in the units of the surface, rounded to multiples of 2⁻²⁰, about 1e-6, which compress well. What
-        is inside stays negative.
+        Distances are in the units of the surface, rounded to multiples of 2⁻²⁰ (about 1e-6), which compress well.
+        Rounding never changes their sign.
         """
         from vibraverse.geometry.distance.field import grid_distance
 
@@ -80,7 +79,7 @@ class Sampler:
         return (np.where(self.occupancy(n), -QUANTUM, QUANTUM) * steps).astype(np.float32)
 
     def _columns(self, x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is inside along rays at ``x``, ``y`` (C, nz), and which rays enter and leave in turn (C,)."""
+        """Return which cells along rays at ``x``, ``y`` are inside (C, nz), and which rays alternate (C,)."""
         start = -2.0
         rays = np.zeros((len(x), 6), dtype=np.float32)
         rays[:, 0], rays[:, 1], rays[:, 2], rays[:, 5] = x, y, start, 1.0
@@ -90,23 +89,22 @@ class Sampler:
         entering = self._entering[hits["primitive_ids"].numpy()]
         order = np.lexsort((-entering, height, ray))
         ray, height, entering = ray[order], height[order], entering[order]
-        # How deep every ray is inside after each of its hits: 0 or 1, or the ray met an edge twice.
+        # Entries minus exits after each hit. Any value but 0 and 1 means that the ray hit an edge twice.
         depth = np.cumsum(entering)
         before = np.concatenate([[0], depth])[np.searchsorted(ray, np.arange(len(x)))]
         depth = depth - before[ray]
-        fair = np.ones(len(x), dtype=bool)
-        fair[ray[(depth < 0) | (depth > 1) | (entering == 0)]] = False
-        fair &= np.bincount(ray, entering, minlength=len(x)) == 0
+        alternate = np.ones(len(x), dtype=bool)
+        alternate[ray[(depth < 0) | (depth > 1) | (entering == 0)]] = False
+        alternate &= np.bincount(ray, entering, minlength=len(x)) == 0
         crossings = np.zeros((len(x), len(z) + 1), dtype=np.int32)
         np.add.at(crossings, (ray, np.searchsorted(z, height)), entering)
-        return np.cumsum(crossings, axis=1)[:, :-1] == 1, fair
+        return np.cumsum(crossings, axis=1)[:, :-1] == 1, alternate
 
 
 def thickest_cell(distance: np.ndarray, n: int) -> np.ndarray:
     """Return the occupancy (n, n, n) of a body too thin to hold a cell centre.
 
-    The one cell that contains the deepest sample of the signed ``distance`` counts as occupied, so that no body
-    vanishes.
+    The cell that contains the deepest sample of the signed ``distance`` counts as occupied, so no body vanishes.
     """
     occupied = np.zeros((n, n, n), dtype=bool)
     deepest = np.unravel_index(int(distance.argmin()), distance.shape)
@@ -115,10 +113,10 @@ def thickest_cell(distance: np.ndarray, n: int) -> np.ndarray:
 
 
 def coarse_mesh(occupied: np.ndarray) -> Mesh:
-    """Return the box mesh of an occupancy grid: vertices (V, 3) in [-1, 1]³ and triangles (F, 3), outward.
+    """Return the box mesh of an occupancy grid: vertices (V, 3) in [-1, 1]³ and outward triangles (F, 3).
 
-    Every side between an occupied and an empty cell becomes two triangles; corners are shared. Where cells meet
-    only along an edge or at a corner the surface touches itself there.
+    Every side between an occupied and an empty cell becomes two triangles; corners are shared. The surface touches
+    itself where cells meet only along an edge or at a corner.
     """
     n = np.array(occupied.shape)
     padded = np.pad(occupied.astype(np.int8), 1)
@@ -127,7 +125,7 @@ def coarse_mesh(occupied: np.ndarray) -> Mesh:
         step = np.diff(padded, axis=axis)
         u, v = (axis + 1) % 3, (axis + 2) % 3
         for sign in (1, -1):
-            # step is +1 where a body begins: the side's outward normal points down the axis.
+            # The step is +1 where a body begins; there the outward normal points down the axis.
             at = np.argwhere(step == sign)
             corner = at - 1
             corner[:, axis] += 1

@@ -1,6 +1,7 @@
-"""Numbers of a solid that rotating, mirroring, moving, scaling and triangulating it anew do not change.
+"""Moments of a solid, and invariants made of them.
 
-With ``C = ∫ x xᵀ dV`` about the centre of mass: the eigenvalues of ``C / V^(5/3)`` and the area over ``V^(2/3)``.
+With ``C = ∫ x xᵀ dV`` about the centre of mass, the eigenvalues of ``C / V^(5/3)`` and the area over ``V^(2/3)`` do not
+change when the solid is rotated, mirrored, moved, scaled or triangulated differently.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from vibraverse.geometry import surfaces
 
 
 def scale_free_moments(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return the three eigenvalues, ascending, and the area of a closed surface (V, 3), (F, 3), scale-free: (4,)."""
+    """Return the invariants (4,) of a closed surface (V, 3), (F, 3): three ascending eigenvalues, then the area."""
     volume, _, second = second_moments(vertices, faces)
     spread = np.linalg.eigvalsh(second) / volume ** (5 / 3)
     return np.append(spread, surfaces.area(vertices, faces) / volume ** (2 / 3))
@@ -20,7 +21,7 @@ def scale_free_moments(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def principal_axes(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the centre of mass (3,) of a solid and its principal axes as the columns of a rotation (3, 3).
 
-    They turn with the body. Where it is as wide one way as another, any axes of that plane may come out.
+    The axes turn with the body. Those of equal moments are arbitrary within their plane.
     """
     _, centre, second = second_moments(vertices, faces)
     axes = np.linalg.eigh(second)[1]
@@ -28,9 +29,9 @@ def principal_axes(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
 
 
 def second_moments(vertices: np.ndarray, faces: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return the volume, the centre of mass (3,) and ``C`` (3, 3) of what a closed surface (V, 3), (F, 3) encloses.
+    """Return volume, centre of mass (3,) and ``C`` (3, 3) of the solid in a closed surface (V, 3), (F, 3).
 
-    The integrals are exact: every triangle and the origin span a tetrahedron whose moments are known.
+    The integrals are exact: each triangle spans a tetrahedron with the origin, whose moments are known.
     """
     volume = surfaces.volume(vertices, faces)
     a, b, c = surfaces.corners(vertices, faces)

@@ -1,7 +1,7 @@
-"""Gentle repairs of a triangle soup: weld, drop what is doubled, orient, close, unite, wrap.
+"""Repairs of a triangle soup: weld, drop duplicates, orient, close, unite, wrap.
 
-Every function takes and returns arrays and changes as little as its name says. The ladder that decides which
-of them a mesh needs is in :mod:`vibraverse.geometry.cleaning.ladder`.
+Every function takes and returns arrays and changes nothing beyond what its name says. The ladder in
+:mod:`vibraverse.geometry.cleaning.ladder` decides which of them a mesh needs.
 """
 
 from __future__ import annotations
@@ -12,15 +12,15 @@ from scipy.sparse.csgraph import connected_components
 
 from vibraverse.geometry import Mesh, surfaces
 
-#: Triangles longer than this many times their height are caps.
-_CAP = 1e9
+#: A triangle longer than this many times its height is a cap.
+_CAP_ASPECT = 1e9
 _TETRAHEDRON = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], dtype=np.int32)
 
 
 def weld(vertices: np.ndarray, faces: np.ndarray, tolerance: float = 0.0) -> Mesh:
     """Merge vertices that are equal, or connected by steps of at most ``tolerance``.
 
-    Faces that thereby use a vertex twice go, and so do unused vertices. Each cluster keeps its first vertex.
+    Faces that then use a vertex twice are dropped, and so are unused vertices. Each cluster keeps its first vertex.
     """
     _, first, inverse = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     group = np.argsort(np.argsort(first))[inverse.ravel()]
@@ -38,23 +38,23 @@ def weld(vertices: np.ndarray, faces: np.ndarray, tolerance: float = 0.0) -> Mes
 
 
 def drop_doubles(faces: np.ndarray) -> np.ndarray:
-    """Keep one of every set of faces over the same three vertices."""
+    """Return the faces without duplicates: the first of those over the same three vertices stays."""
     first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)[1]
     return faces[np.sort(first)]
 
 
 def orient(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Turn faces so that neighbours agree and every connected part encloses a positive volume.
+    """Flip faces so that neighbours agree and every connected part encloses a positive volume.
 
-    Neighbours share an edge that has exactly two faces. Of the two ways to orient a part the one that turns
-    fewer faces is taken first; a part that cannot be oriented (a Möbius band) stays as it is.
+    Neighbours share an edge that has exactly two faces. Each part is first oriented the way that flips fewer
+    faces. A part that cannot be oriented (a Möbius band) is left unchanged.
     """
     n = len(faces)
     edges = surfaces.half_edges(faces)
     left, right = surfaces.neighbours(faces)
     agree = edges[left, 0] == edges[right, 1]
     i, j = left // 3, right // 3
-    # Two nodes per face, as it is and turned; an edge joins the states in which its faces agree.
+    # Two nodes per face, unchanged and flipped; a link joins the states in which neighbours agree.
     rows = np.concatenate([i, i + n])
     columns = np.concatenate([np.where(agree, j, j + n), np.where(agree, j + n, j)])
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(2 * n, 2 * n))
@@ -70,9 +70,9 @@ def orient(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def parts(vertices: np.ndarray, faces: np.ndarray) -> list[Mesh]:
-    """Return the parts whose faces are joined through edges of exactly two faces, each with its own vertices.
+    """Return the parts of a surface, connected through edges of exactly two faces, each with its own vertices.
 
-    Bodies that share only points, or an edge at which four faces meet, are parts of their own.
+    Bodies that share only points, or an edge of four faces, are separate parts.
     """
     left, right = surfaces.neighbours(faces)
     graph = coo_array((np.ones(len(left), np.int8), (left // 3, right // 3)), shape=(len(faces),) * 2)
@@ -94,9 +94,9 @@ def _arrays(session) -> Mesh:
 
 
 def close_holes(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Close every hole by triangles over its rim; faces at edges with more than two go first.
+    """Close every hole by triangles over its rim, after dropping faces at edges with more than two.
 
-    Covers may cut other faces. Points where holes meet are split only when the surface does not close with them.
+    Covers may cut other faces. Vertices where holes meet are split only if the surface does not close otherwise.
     """
     for split in (False, True):
         session = _meshlab(vertices, faces)
@@ -111,21 +111,21 @@ def close_holes(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
 
 
 def flip_caps(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Turn the longest edge of every triangle without area, so that its third point splits the neighbour there.
+    """Flip the longest edge of every cap, so that its third vertex splits the neighbour there.
 
-    The surface is manifold.
+    The surface must be manifold.
     """
     session = _meshlab(vertices, faces)
-    session.meshing_remove_t_vertices(method="Edge Flip", threshold=_CAP, repeat=True)
+    session.meshing_remove_t_vertices(method="Edge Flip", threshold=_CAP_ASPECT, repeat=True)
     return _arrays(session)
 
 
 def unite(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Return the outside of what closed, outward surfaces enclose, however they cut each other and themselves.
+    """Return the outer surface of the union of closed, outward surfaces, which may cut each other and themselves.
 
-    The arrangement of all triangles is exact, and what has a positive winding number is inside (Zhou et al., ACM
-    Trans. Graph. 35(4), 2016). Where bodies touch in an edge or a point the result does. Raises ``ValueError`` when
-    the surfaces are not closed.
+    The arrangement of all triangles is exact; a positive winding number means inside (Zhou et al., ACM Trans. Graph.
+    35(4), 2016). The result touches itself in an edge or a point where the bodies do. Raises ``ValueError`` when the
+    surfaces are not closed.
     """
     import pymeshlab
 
@@ -141,9 +141,9 @@ def unite(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
 
 
 def join(bodies: list[Mesh]) -> Mesh:
-    """Return the surface of the union of closed bodies none of which cuts itself, many times faster than :func:`unite`.
+    """Return the surface of the union of closed bodies without self-intersections, much faster than :func:`unite`.
 
-    Raises ``ValueError`` when a body is no valid solid.
+    Raises ``ValueError`` when a body is not a valid solid.
     """
     import manifold3d
 
@@ -151,10 +151,10 @@ def join(bodies: list[Mesh]) -> Mesh:
 
 
 def separate(vertices: np.ndarray, faces: np.ndarray, distance: float) -> Mesh:
-    """Take a closed, oriented surface apart where it touches itself in edges or points.
+    """Separate a closed, oriented surface where it touches itself in edges or points.
 
-    Faces around an edge pair up across the solid between them, each fan of faces gets its own copy of a vertex, and the
-    copies move into their fans by ``distance``, or by less where the faces are small.
+    Faces around an edge are paired across the solid between them. Each fan of faces gets its own copy of a vertex,
+    which moves into the fan by ``distance``, or by less where the faces are small.
     """
     fan, source = surfaces.fans(faces, _paired(vertices, faces, *surfaces.edge_numbers(faces)))
     split = np.bincount(source, minlength=len(vertices))[source] > 1
@@ -172,7 +172,7 @@ def separate(vertices: np.ndarray, faces: np.ndarray, distance: float) -> Mesh:
 
 
 def _paired(vertices: np.ndarray, faces: np.ndarray, edge: np.ndarray, count: np.ndarray) -> np.ndarray:
-    """Return the numbers of the edges (3F,) with those of more than two faces split into pairs of faces.
+    """Return the edge numbers (3F,), with each edge of more than two faces split into pairs of faces.
 
     Seen along the edge, a face that runs up it and the next one counter-clockwise that runs down it bound a wedge of
     the solid, which lies to the left of both.
@@ -205,13 +205,13 @@ def _paired(vertices: np.ndarray, faces: np.ndarray, edge: np.ndarray, count: np
 
 
 def wrap(vertices: np.ndarray, faces: np.ndarray, alpha: float, offset: float) -> Mesh:
-    """Shrink-wrap a soup: a closed surface ``offset`` outside it that enters no gap narrower than ``alpha``.
+    """Return the alpha wrap of a soup: a closed surface ``offset`` outside it that enters no gap below ``alpha``.
 
-    Both are shares of the bounding box's diagonal. (Alpha wrapping, Portaneri et al., ACM Trans. Graph. 41(4), 2022.)
+    Both lengths are shares of the bounding box's diagonal. (Portaneri et al., ACM Trans. Graph. 41(4), 2022.)
     """
     import pymeshlab
 
-    # As a soup of single triangles: MeshLab leaves out those at edges with more than two.
+    # A soup of single triangles, because MeshLab drops faces at edges with more than two.
     session = _meshlab(vertices[faces].reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3))
     session.generate_alpha_wrap(
         alpha=pymeshlab.PercentageValue(100 * alpha), offset=pymeshlab.PercentageValue(100 * offset)
@@ -220,7 +220,7 @@ def wrap(vertices: np.ndarray, faces: np.ndarray, alpha: float, offset: float) -
 
 
 def split(vertices: np.ndarray, faces: np.ndarray, longest: float) -> Mesh:
-    """Halve the edges that are longer than ``longest`` until none is; the shape stays, and so do the given vertices."""
+    """Halve edges until none is longer than ``longest``; the shape and the given vertices do not change."""
     import pymeshlab
 
     length = float(surfaces.edge_lengths(vertices, faces).max(initial=0.0))
@@ -234,12 +234,12 @@ def split(vertices: np.ndarray, faces: np.ndarray, longest: float) -> Mesh:
 
 
 def simplify(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> Mesh:
-    """Thin a closed surface where that moves it by less than ``tolerance``."""
+    """Simplify a closed surface, moving it by less than ``tolerance``."""
     return _mesh(_solid(vertices, faces).simplify(tolerance))
 
 
 def _solid(vertices: np.ndarray, faces: np.ndarray):
-    """Return a closed surface as manifold3d holds it; raises ``ValueError`` when it is not one."""
+    """Return a closed surface as a manifold3d solid; raises ``ValueError`` when it is not closed."""
     import manifold3d
 
     solid = manifold3d.Manifold(

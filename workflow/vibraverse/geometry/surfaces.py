@@ -1,8 +1,8 @@
 """Triangle surfaces as arrays: their measures, their edges, their connected parts.
 
 A surface is ``vertices`` (V, 3) float64 and ``faces`` (F, 3) integers, counter-clockwise seen from outside the
-body. By the divergence theorem the enclosed volume is the sum of the signed volumes of the tetrahedra that
-the origin spans with the faces, ``V = 1/6 Σ a·(b × c)``.
+body. By the divergence theorem, the enclosed volume is the sum of the signed volumes of the tetrahedra between
+the origin and the faces: ``V = 1/6 Σ a·(b × c)``.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from vibraverse.geometry import Mesh
 
 
 def volume(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return the volume enclosed by a closed, oriented surface (negative when it is turned inside out)."""
+    """Return the volume enclosed by a closed, oriented surface; negative when it is inside out."""
     if not len(faces):
         return 0.0
     a, b, c = corners(vertices - vertices[faces[0, 0]], faces)
@@ -38,7 +38,7 @@ def normals_and_areas(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarr
 
 
 def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return unit normals at the vertices (V, 3): the sum of the normals around, weighted by area."""
+    """Return unit normals at the vertices (V, 3): means over the faces around, weighted by area."""
     normals, areas = normals_and_areas(vertices, faces)
     total = np.zeros((len(vertices), 3))
     np.add.at(total, faces.ravel(), np.repeat(normals * areas[:, None], 3, axis=0))
@@ -48,9 +48,9 @@ def vertex_normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def steps_to_heights(
     vertices: np.ndarray, faces: np.ndarray, heights: np.ndarray | float, stiffness: float
 ) -> np.ndarray:
-    """Return the steps ``u`` of the vertices (V, 3) that lift every face by its height ``h_f``, as nearly as can be.
+    """Return the displacements ``u`` of the vertices (V, 3) that lift every face by its height ``h_f``.
 
-    Each vertex takes the one that minimises ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over the faces around it.
+    Least squares: each ``u`` minimises ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over the faces around its vertex.
     ``heights`` is one length or one per face (F,); the ``stiffness`` ε keeps a vertex from sliding along its surface.
     """
     normals, areas = normals_and_areas(vertices, faces)
@@ -81,13 +81,13 @@ def edge_keys(edges: np.ndarray) -> np.ndarray:
 
 
 def edge_numbers(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the number of every half-edge's undirected edge (3F,), and how many faces every edge has (E,)."""
+    """Return the number of each half-edge's undirected edge (3F,), and the number of faces of each edge (E,)."""
     _, number, count = np.unique(edge_keys(half_edges(faces)), return_inverse=True, return_counts=True)
     return number, count
 
 
 def neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the half-edges that meet in the edges of exactly two faces, as two arrays of their numbers (E,)."""
+    """Return the pairs of half-edges at edges of exactly two faces, as two arrays of their numbers (E,)."""
     keys = edge_keys(half_edges(faces))
     order = np.argsort(keys, kind="stable")
     start = np.flatnonzero(np.r_[True, np.diff(keys[order]) != 0])
@@ -102,7 +102,7 @@ def edge_lengths(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def face_components(faces: np.ndarray, n_vertices: int) -> np.ndarray:
-    """Return the number of the connected part of every face (F,), parts numbered by their first face.
+    """Return the number of each face's connected part (F,). Parts are numbered in the order of their first face.
 
     Faces are connected when they share a vertex.
     """
@@ -122,7 +122,7 @@ def components(vertices: np.ndarray, faces: np.ndarray) -> list[Mesh]:
 
 
 def compact(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Drop the vertices that no face uses; the order of the others stays."""
+    """Drop the vertices that no face uses, keeping the order of the others."""
     used = np.zeros(len(vertices), dtype=bool)
     used[faces.ravel()] = True
     return vertices[used], (np.cumsum(used) - 1)[faces]
@@ -139,7 +139,7 @@ def joined(meshes: list[Mesh]) -> Mesh:
 
 @dataclass(frozen=True)
 class Topology:
-    """What a set of triangles is, counted: everything is zero for the surface of a solid but ``components``."""
+    """Counts of the defects of a triangle mesh, with its components and Euler characteristic."""
 
     open_edges: int
     """Edges with one face."""
@@ -174,7 +174,7 @@ class Topology:
 
 
 def topology(faces: np.ndarray, n_vertices: int) -> Topology:
-    """Count what is wrong with a set of triangles."""
+    """Count the defects of a set of triangles."""
     if not len(faces):
         return Topology(0, 0, 0, 0, 0, 0, 0)
     edges = half_edges(faces)
@@ -198,13 +198,13 @@ def topology(faces: np.ndarray, n_vertices: int) -> Topology:
 def fans(faces: np.ndarray, edge_of: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the fan of every face corner (3F,), in the order of ``faces.ravel()``, and the vertex of every fan (N,).
 
-    A fan is a set of corners at one vertex joined through shared edges: a manifold surface has one per vertex.
+    A fan is a set of corners at one vertex, joined through shared edges; a manifold surface has one per vertex.
     ``edge_of`` (3F,) numbers the edge of every half-edge, as :func:`edge_numbers` does.
     """
     n = 3 * len(faces)
     corner = np.arange(n)
     after = corner - corner % 3 + (corner + 1) % 3
-    # Corners that meet along an edge: both faces of the edge have one corner at each of its two ends.
+    # Corners that meet along an edge: each of its two faces has a corner at either end.
     order = np.lexsort((corner, edge_of))
     same = edge_of[order][1:] == edge_of[order][:-1]
     first, second = order[:-1][same], order[1:][same]

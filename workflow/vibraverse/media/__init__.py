@@ -1,1 +1,1 @@
-"""Audio and picture rendering."""
+"""Media: audio files, spectrograms and pictures."""

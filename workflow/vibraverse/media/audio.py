@@ -1,7 +1,7 @@
-"""Sounds as WAV files: peak-normalised, with the gain that leads back to physical values.
+"""Sounds as WAV files: peak-normalised, with the gain that recovers physical values.
 
-Float WAVs would need no gain, but libsndfile writes the time of day into them; integer samples repeat to the
-byte. 24 bits leave 138 dB below the peak.
+Float samples would need no gain, but libsndfile writes the time of day into float files. Integer files are
+reproducible byte for byte. With 24 bits the dynamic range below the peak is 138 dB.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ PEAK_DBFS = -1.0
 def wav_bytes(samples, sample_rate_hz: int, subtype: str = "PCM_24") -> tuple[bytes, dict]:
     """Return a mono WAV file of ``samples`` (n,) with its peak at :data:`PEAK_DBFS`, and its levels.
 
-    Levels: ``gain`` (stored = physical · gain; 1 for silence), ``peak`` (physical), ``peak_dbfs`` and
-    ``rms_dbfs`` of the stored samples over the whole sound and ``loudest_dbfs``, the RMS over its loudest
-    50 ms; None stands for the level of silence.
+    The levels are ``gain`` (stored = physical · gain; 1 for silence), ``peak`` (physical), ``peak_dbfs`` and
+    ``rms_dbfs`` of the stored samples, and ``loudest_dbfs``, the RMS over the loudest 50 ms. The level of silence is
+    None.
     """
     samples = np.asarray(samples, dtype=np.float64)
     peak = float(np.abs(samples).max(initial=0.0))

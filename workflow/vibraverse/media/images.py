@@ -1,9 +1,8 @@
 """Pictures of a surface: one light studio, one camera that always sees the whole object, a look per material.
 
-VTK shades physically (metallic-roughness) in the light of a studio made of soft boxes; a few lines of GLSL
-add what it has not: refraction for clear materials, growth rings for wood, and a film curve that keeps
-highlights. Frames are drawn larger and averaged down. Nothing needs a screen: OSMesa draws in memory, and EGL
-does where there is no OSMesa.
+VTK shades physically (metallic-roughness model) in the image-based light of a studio with soft boxes. A few lines of
+GLSL add what VTK lacks: refraction for clear materials, growth rings for wood, and a film curve that preserves
+highlights. Frames are drawn larger and averaged down. No screen is needed: OSMesa draws in memory, or else EGL does.
 """
 
 from __future__ import annotations
@@ -20,18 +19,18 @@ from PIL import Image
 from vibraverse.media import shaders
 from vibraverse.media.looks import look_of
 
-#: Elevations that the views take in turn.
+#: Elevations of the views, in rotation.
 ELEVATIONS_DEG = (25.0, 5.0, 50.0, -20.0)
 FIRST_AZIMUTH_DEG = 20.0
 FIELD_OF_VIEW_DEG = 28.0
-#: Part of the picture's half width that the object may fill.
+#: Share of the picture's half width that the object may fill.
 FILL = 0.92
-#: Edges sharper than this stay sharp; flatter ones are shaded smoothly.
+#: Edges with a larger angle look sharp; others are shaded smoothly.
 FEATURE_ANGLE_DEG = 40.0
 BACKGROUND = (0.925, 0.93, 0.94)
-#: Frames are drawn this many times larger and averaged down, as far as ``_MAX_DRAWN_PX`` allows.
+#: Frames are drawn this many times larger and averaged down, but not larger than ``_MAX_DRAWN_PX``.
 _SUPERSAMPLING, _MAX_DRAWN_PX = 3, 4096
-#: VTK's windows without a screen, best first, and the libraries of which each needs one.
+#: VTK's off-screen windows, best first; each needs one of its libraries.
 _WINDOWS = {
     "vtkOSOpenGLRenderWindow": ("libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so"),
     "vtkEGLRenderWindow": ("libEGL.so.1", "libEGL.so"),
@@ -41,13 +40,13 @@ _WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"
 
 @dataclass(frozen=True)
 class View:
-    """A direction from which the object is seen; azimuth from +x towards +y, elevation from the xy plane."""
+    """A viewing direction: azimuth from +x towards +y, elevation from the xy plane."""
 
     azimuth_deg: float
     elevation_deg: float
 
     def axes(self) -> np.ndarray:
-        """Return the camera's right, up and backward (towards the camera) axes as rows; (3, 3)."""
+        """Return the camera's axes as rows (3, 3): right, up, and backward, towards the camera."""
         azimuth, elevation = math.radians(self.azimuth_deg), math.radians(self.elevation_deg)
         back = (
             math.cos(elevation) * math.cos(azimuth),
@@ -68,7 +67,7 @@ class Rendering:
 
 
 def views_around(count: int) -> list[View]:
-    """Return ``count`` views spread evenly in azimuth, at elevations that take turns."""
+    """Return ``count`` views, evenly spaced in azimuth, with elevations in rotation."""
     return [
         View((FIRST_AZIMUTH_DEG + 360.0 * index / count) % 360.0, ELEVATIONS_DEG[index % len(ELEVATIONS_DEG)])
         for index in range(count)
@@ -76,10 +75,10 @@ def views_around(count: int) -> list[View]:
 
 
 def camera_distance(points, views: list[View]) -> float:
-    """Return the smallest distance from the origin at which every view shows all ``points`` (V, 3).
+    """Return the smallest camera distance from the origin at which every view shows all ``points`` (V, 3).
 
-    A point at ``(x, y, z)`` in camera axes is inside the picture when
-    ``max(|x|, |y|) <= (D - z) tan(fov/2)``; the slope is made smaller by :data:`FILL`.
+    A point ``(x, y, z)`` in camera axes is inside the picture when ``max(|x|, |y|) <= (D - z) tan(fov/2)``. The slope
+    is multiplied by :data:`FILL`.
     """
     slope = FILL * math.tan(math.radians(FIELD_OF_VIEW_DEG) / 2)
     points = np.asarray(points, dtype=np.float64)
@@ -91,11 +90,11 @@ def camera_distance(points, views: list[View]) -> float:
 
 
 def studio(height: int = 128) -> np.ndarray:
-    """Return the light that reaches the object from every direction, (height, 2·height, 3) linear radiance.
+    """Return the environment light (height, 2·height, 3), linear radiance by direction.
 
-    Rows run from the zenith down. Azimuths count from the camera to its right, and VTK's columns begin at the left
-    and run through the back. A soft sky darkens to the floor; a large key light stands at the upper left, a
-    weaker fill at the right and two rims behind.
+    Rows run from the zenith down. Azimuths count from the camera to its right; VTK's columns start at the left and run
+    through the back. A soft sky darkens towards the floor. A large key light stands at the upper left, a weaker fill
+    light at the right, and two rim lights behind.
     """
     elevation = (0.5 - (np.arange(height) + 0.5) / height)[:, None] * math.pi
     azimuth = (1.5 - (np.arange(2 * height) + 0.5) / height)[None, :] * math.pi
@@ -119,8 +118,8 @@ def studio(height: int = 128) -> np.ndarray:
 def render_views(vertices, faces, views: list[View], looks: list[str], size_px: int) -> Rendering:
     """Draw a closed surface from every view in every look.
 
-    ``vertices`` (V, 3) and outward ``faces`` (F, 3) may be anywhere; the middle of the bounding box is the
-    middle of the picture. Raises RuntimeError when the machine offers no off-screen renderer or it draws nothing.
+    ``vertices`` (V, 3) and outward ``faces`` (F, 3) may lie anywhere: the centre of the bounding box is the centre of
+    the picture. Raises ``RuntimeError`` when the machine has no off-screen renderer or it draws an empty picture.
     """
     choose_window()
     import pyvista
@@ -145,7 +144,7 @@ def render_views(vertices, faces, views: list[View], looks: list[str], size_px: 
         for index, view in enumerate(views):
             right, up, back = view.axes()
             camera.focal_point, camera.position, camera.up = (0, 0, 0), back * distance, up
-            # The studio turns with the camera, so that every view is well lit; up stays up.
+            # The studio turns with the camera, so every view is well lit. Its vertical does not change.
             renderer.SetEnvironmentUp(0, 0, 1)
             renderer.SetEnvironmentRight(*right)
             for name, layers in actors.items():
@@ -161,25 +160,25 @@ def render_views(vertices, faces, views: list[View], looks: list[str], size_px: 
     finally:
         plotter.close()
     if any((drawn == drawn[0, 0, 0]).all() for drawn in pictures.values()):
-        raise RuntimeError(f"the renderer drew an empty picture; it says of itself: {description[:500]}")
+        raise RuntimeError(f"the renderer drew an empty picture; its description: {description[:500]}")
     return Rendering(pictures, distance, _renderer_name(description))
 
 
 def png_bytes(picture: np.ndarray) -> bytes:
-    """Return an (H, W, 3) picture as a PNG file, without a time stamp."""
+    """Return a picture (H, W, 3) as a PNG file, without a time stamp."""
     file = io.BytesIO()
     Image.fromarray(picture).save(file, format="PNG")
     return file.getvalue()
 
 
 def _renderer_name(description: str) -> str:
-    """Return the OpenGL renderer's own name out of VTK's report."""
+    """Return the name of the OpenGL renderer from VTK's report."""
     lines = (line.partition("OpenGL renderer string:") for line in description.splitlines())
     return next((name.strip() for _, found, name in lines if found), "unknown")
 
 
 def choose_window() -> None:
-    """Tell VTK how to draw without a screen, before it first does: in memory, or through EGL."""
+    """Select VTK's off-screen window before its first use, OSMesa or EGL; raises ``RuntimeError`` without them."""
     if os.environ.get(_WINDOW_VARIABLE):
         return
     for window, libraries in _WINDOWS.items():
@@ -201,7 +200,7 @@ def _loads(library: str) -> bool:
 
 
 def _light(plotter):
-    """Put the studio around the object."""
+    """Light the scene with the studio; return the renderer."""
     import pyvista
 
     plotter.background_color = BACKGROUND
@@ -236,12 +235,12 @@ def _smooth(vertices, faces):
 
 
 def _linear(colour) -> list[float]:
-    """Return linear from sRGB."""
+    """Return linear RGB from sRGB."""
     return [c / 12.92 if c <= 0.04045 else ((c + 0.055) / 1.055) ** 2.4 for c in colour]
 
 
 def _actors(plotter, surface, look) -> list:
-    """Add a surface to the scene; a clear one as two layers, its far side behind its near side."""
+    """Add a surface to the scene; a clear one as two layers, the far side before the near side."""
     if look.kind != "clear":
         return [_actor(plotter, surface, look)]
     far, near = _actor(plotter, surface, look), _actor(plotter, surface, look)

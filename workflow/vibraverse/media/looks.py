@@ -1,4 +1,4 @@
-"""What each material looks like: colours and gloss for physically based shading."""
+"""Looks of the materials: colours and gloss for physically based shading."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Look:
-    """The surface of a material.
+    """The appearance of a material.
 
-    ``colour`` is sRGB in 0…1; for ``clear`` materials it is what is left of white light after one body
-    length. ``metallic`` and ``roughness`` are in 0…1. ``kind`` picks the shader: ``plain``, ``wood`` (growth
-    rings through the body, ``second`` is the late wood's colour) or ``clear`` (refracts the surroundings).
+    ``colour`` is sRGB in 0…1; for ``clear`` materials it is the transmission of white light over one body length.
+    ``metallic`` and ``roughness`` are in 0…1. ``kind`` selects the shader: ``plain``, ``wood`` (growth rings through
+    the body, where ``second`` is the colour of late wood) or ``clear`` (refracts the surroundings).
     """
 
     colour: tuple[float, float, float]
@@ -37,5 +37,5 @@ LOOKS = {
 
 
 def look_of(name: str) -> Look:
-    """Return the look of a material; one that is not in the table looks like clay."""
+    """Return the look of a material; clay if it is not in the table."""
     return LOOKS.get(name, LOOKS["clay"])

@@ -1,4 +1,4 @@
-"""GLSL that VTK's physically based shader has not: refraction, growth rings, a film curve.
+"""GLSL additions to VTK's physically based shader: refraction, growth rings, a film curve.
 
 The pieces run inside VTK's fragment shader and use its names: ``diffuseColor``, ``color`` (linear radiance),
 ``N`` and ``V`` (normal and direction to the camera), ``NdV`` (their product), ``roughness``, ``envMatrix`` and
@@ -7,16 +7,16 @@ The pieces run inside VTK's fragment shader and use its names: ``diffuseColor``,
 
 from __future__ import annotations
 
-#: Keeps colours up to 0.6 as they are and bends brighter ones towards white without a visible corner.
+#: Film curve: colours up to 0.6 stay linear, brighter ones approach white smoothly.
 FILM = """
   vec3 over = max(color - vec3(0.6), vec3(0.0));
   color = min(color, vec3(0.6)) + 0.4 * over / (over + 0.4);
   fragOutput0.rgb = pow(color, vec3(1.0 / 2.2));
 """
 
-#: A ray bends into the body and out of it again as if the body were locally a ball: it leaves where the outward
-#: normal is the entry's mirrored at the ray. What it then meets is the backdrop straight ahead, the studio
-#: elsewhere. The near side lets half of the far side, drawn before it, shine through.
+#: Refraction into the body and out again, as if the body were locally a ball: the outward normal at the exit is that at
+#: the entry, mirrored at the ray. Straight ahead the ray then meets the backdrop, elsewhere the studio. Half of the far
+#: side, drawn first, shines through the near side.
 CLEAR = """
   vec3 ray = refract(-V, N, 1.0 / 1.5);
   vec3 farNormal = N - 2.0 * dot(N, ray) * ray;
@@ -44,8 +44,8 @@ float noise(vec3 p)
 }
 """
 
-#: Rings around a trunk beside the body, leaning a little so that no face shows straight lines only; late wood is
-#: the dark end of each ring, fibres run along the trunk.
+#: Growth rings around a trunk beside the body, tilted so that every face shows curved lines. Late wood is the dark end
+#: of each ring; fibres run along the trunk.
 WOOD = """
   vec3 trunk = bodyPosition + vec3(0.9 + 0.18 * bodyPosition.z, 0.6 - 0.12 * bodyPosition.z, 0.0);
   float ring = fract(9.0 * length(trunk.xy) + 1.1 * noise(vec3(1.6 * trunk.xy, 0.7 * trunk.z)));
@@ -56,7 +56,7 @@ WOOD = """
 
 
 def dress(actor, kind: str, backdrop, late) -> None:
-    """Give an actor with physically based shading the shader of its look; colours are linear."""
+    """Add the shader code of a look to an actor with physically based shading; colours are linear RGB."""
     shader = actor.GetShaderProperty()
 
     def after(tag, code, add):

@@ -1,8 +1,8 @@
-"""The levels of a spectrogram: time across, frequency up on the mel scale, decibels below the loudest point.
+"""Levels of a mel spectrogram in decibels below the loudest point.
 
     m(f) = 2595 log10(1 + f / 700)
 
-The mel scale spreads the low partials, where a struck body has its pitch, as the ear does.
+The mel scale resolves the low partials, which carry the pitch of a struck body, as the ear does.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ import numpy as np
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import hann
 
-#: Least level, in decibels below the loudest point.
+#: Lowest level, in decibels relative to the loudest point.
 FLOOR_DB = -80.0
 _WINDOW_S = 0.046
 
@@ -22,11 +22,11 @@ def mel(frequency_hz):
 
 
 def mel_levels(samples, sample_rate_hz: int, rows: int = 128, columns: int = 256) -> np.ndarray:
-    """Return levels in dB below the loudest point, (rows, about columns), from 0 Hz up to half the rate.
+    """Return levels in dB relative to the loudest point, (rows, about columns), from 0 Hz to half the sample rate.
 
-    Rows are evenly spaced in mel and columns in time. A row takes the largest power that falls into it, so no
-    partial slips between rows. The Hann window is 46 ms long, shorter for sounds under 0.2 s. Silence is
-    :data:`FLOOR_DB` everywhere.
+    Rows are evenly spaced in mel and columns in time. A row takes the largest power in its band, so no partial is lost
+    between rows. The Hann window is 46 ms long, shorter for sounds under 0.2 s. Silence is :data:`FLOOR_DB` everywhere.
+    Raises ``ValueError`` unless ``samples`` is a list of at least one number.
     """
     samples = np.asarray(samples, dtype=np.float64)
     if samples.ndim != 1 or not len(samples):

@@ -1,1 +1,1 @@
-"""Elasticity, eigensolver, modal basis, materials, damping and impulse response: arrays in, arrays out."""
+"""Elasticity, eigensolvers, modal basis, materials, damping and impulse response: arrays in, arrays out."""

@@ -1,16 +1,16 @@
 """The material-independent modal basis of a body.
 
-With E = ρ = 1 and the mesh in its own units, everything but Poisson's ratio ν is scaling. So the sparse problem is
-solved at one ν amid the range wanted; the space of its modes then grows by corrections, at the ends of the range
-and wherever the estimated error is largest, until every frequency at every ν of the range is known to the error
-wanted (:mod:`vibraverse.physics.reduction`). The operators are projected onto that space U once:
+With E = ρ = 1 and the mesh in its own units, all parameters but Poisson's ratio ν only scale the problem. So the
+sparse problem is solved at one ν in the middle of the wanted range. The space of its modes then grows by corrections,
+at the ends of the range and wherever the estimated error is largest, until every frequency in the range is accurate
+enough (:mod:`vibraverse.physics.reduction`). The operators are projected onto that space U once:
 
     A_λ = Uᵀ K_λ U,   A_μ = Uᵀ K_μ U,   Uᵀ M U = I.
 
-For any material the dense problem ``(λ A_λ + μ A_μ) c = ω² c`` of about two hundred unknowns is what remains
-(Rayleigh–Ritz, so frequencies are bounded from below by the exact ones of the mesh), and the error of each frequency
-is known without the big matrices. What the elements themselves get wrong is estimated, and mostly removed, by the
-corrections of :mod:`vibraverse.physics.enrichment`.
+A material then needs only the dense problem ``(λ A_λ + μ A_μ) c = ω² c`` of about two hundred unknowns. By
+Rayleigh–Ritz its frequencies are upper bounds of the mesh's exact ones, and the error of each is estimated without the
+sparse matrices. The discretisation error of the elements is estimated, and mostly removed, by the corrections of
+:mod:`vibraverse.physics.enrichment`.
 """
 
 from __future__ import annotations
@@ -26,20 +26,20 @@ from vibraverse.physics.materials import lame
 from vibraverse.physics.reduced import GUARD, ModalBasis, solve_reduced
 from vibraverse.physics.reduction import Reduction
 
-#: The factor by which ``1 - 2ν`` may change over a part of the range with one factorisation.
-_REACH = 4.0
-#: Values of ν per part at which errors are looked at one after the other: the ends, where they are largest; some more;
-#: and, since those of a mode that comes among the lowest between two of them show only there, many.
-_LOOKS = (2, 7, 16)
-#: Corrections at most for each of these; the estimates stay true if they do not suffice.
-_CORRECTIONS = 20
-#: What is corrected at a ν: every mode whose error is above this share of the error wanted.
-_MARGIN = 0.5
-#: Errors are estimated to 20 % and at some ν only: of the error wanted so much may be left by the corrections, and so
-#: much after the compression.
-_CORRECTED, _COMPRESSED = 0.7, 0.8
-#: Directions that the modes need by less than this are dropped in the end; the first value that keeps the error wanted.
-_DROPS = (1e-3, 5e-4, 2e-4, 1e-4, 3e-5, 1e-5)
+#: Largest factor by which ``1 - 2ν`` changes over the part of the range that one factorisation serves.
+_SHIFT_FACTOR = 4.0
+#: Numbers of ν per part at which errors are checked, in rounds: the ends, where errors are largest; some more; and
+#: many, because a mode may be among the lowest only between two others.
+_ERROR_PROBES = (2, 7, 16)
+#: Most corrections per round; if they do not suffice, the error estimates stay valid.
+_MAX_CORRECTIONS = 20
+#: Every mode whose error exceeds this share of the wanted error is corrected.
+_CORRECTION_THRESHOLD = 0.5
+#: Shares of the wanted error that may remain after the corrections and after the compression. The margin covers the
+#: estimates, which are accurate to 20 % and made at some ν only.
+_CORRECTION_TARGET, _COMPRESSION_TARGET = 0.7, 0.8
+#: Thresholds for dropping directions in the end; the first one that keeps the wanted error is taken.
+_DROP_TOLERANCES = (1e-3, 5e-4, 2e-4, 1e-4, 3e-5, 1e-5)
 
 
 def build_basis(
@@ -61,7 +61,7 @@ def build_basis(
     ``sqrt(E/ρ)`` over that unit. ``max_error`` is the relative frequency error that the basis may add in
     ``poisson_range``; ``tolerance`` is that of :func:`vibraverse.physics.eigensolver.solve`.
 
-    Raises :class:`vibraverse.contract.refusal.Refused` where the mesh is invalid or the solve fails.
+    Raises :class:`vibraverse.contract.errors.Refused` if the mesh is invalid or the solve fails.
     """
     operators = assemble(points, cells, order)
     solved = min(modes + GUARD, max(modes, operators.unknowns - RIGID - 2))
@@ -79,14 +79,14 @@ def build_basis(
         if poisson != centre:
             factor.update(operators.shifted(*lame(1.0, poisson), pairs.shift))
         space.use(factor, poisson, pairs.shift, rng)
-        for count in _LOOKS:
+        for count in _ERROR_PROBES:
             near = _probes(poisson, centres, *poisson_range, count)
-            nodes += _adapt(space, modes, solved, near, max_error)
+            nodes += _extend(space, modes, solved, near, max_error)
             probes = sorted({*probes, *near})
-    turn, error = _compressed(space, modes, probes, max_error)
+    turn, error = _compress(space, modes, probes, max_error)
     faces, surface_nodes = boundary(cells)
     on_surface = _positions(cells, surface_nodes)
-    surface = _at(on_surface, space.vectors) @ space.in_vectors(turn)
+    surface = _values_at(on_surface, space.vectors) @ space.in_vectors(turn)
     sign = signs(surface.reshape(-1, surface.shape[2]))
     turn, surface = turn * sign, surface * sign
     a_lambda, a_mu, sketch = space.turned(turn)
@@ -109,7 +109,7 @@ def build_basis(
         correction_lambda=corrections.k_lambda,
         correction_mu=corrections.k_mu,
         correction_mass=corrections.mass,
-        correction_surface=_at(on_surface, corrections.vectors),
+        correction_surface=_values_at(on_surface, corrections.vectors),
         poisson_range=np.array(poisson_range, dtype=float),
         poisson_nodes=np.array(nodes),
         error=error,
@@ -129,63 +129,63 @@ def build_basis(
 def _centres(low: float, high: float) -> list[float]:
     """Return the ν at which matrices are factorised, the middle one first.
 
-    ``1 - 2ν`` says how stiff the body is against compression. In each of equal parts of its logarithm the factorisation
-    in the middle is near enough to every ν of the part.
+    ``1 - 2ν`` measures the stiffness against compression. The range is divided into equal parts of its logarithm, so
+    that the factorisation in the middle of a part is close enough to every ν of the part.
     """
     first, last = np.log(1 - 2 * low), np.log(1 - 2 * high)
-    count = max(1, int(np.ceil((first - last) / np.log(_REACH) - 1e-9)))
+    count = max(1, int(np.ceil((first - last) / np.log(_SHIFT_FACTOR) - 1e-9)))
     middles = 0.5 * (1 - np.exp(first + (last - first) * (np.arange(count) + 0.5) / count))
     order = np.argsort(np.abs(np.arange(count) - (count - 1) / 2), kind="stable")
     return [float(poisson) for poisson in middles[order]]
 
 
 def _probes(centre: float, centres: list[float], low: float, high: float, count: int) -> list[float]:
-    """Return the ν at which errors are looked at in the part of the range around ``centre``."""
+    """Return the ν at which errors are checked, in the part of the range around ``centre``: Chebyshev points."""
     places = np.log(1 - 2 * np.array([low, high]))
     half = 0.5 * (places[0] - places[1]) / len(centres)
     steps = half * np.cos(np.linspace(0, np.pi, count)) if high > low else np.zeros(1)
     return [float(poisson) for poisson in 0.5 * (1 - (1 - 2 * centre) * np.exp(steps))]
 
 
-def _adapt(space: Reduction, modes: int, solved: int, probes: list[float], max_error: float) -> list[float]:
-    """Let the space grow until no frequency at the ``probes`` has an error above ``max_error``.
+def _extend(space: Reduction, modes: int, solved: int, probes: list[float], max_error: float) -> list[float]:
+    """Extend the space by corrections until no frequency at the ``probes`` has an error above ``max_error``.
 
-    Returns where it was corrected, in order.
+    Returns the ν of the corrections, in order.
     """
     nodes: list[float] = []
-    for _ in range(_CORRECTIONS):
+    for _ in range(_MAX_CORRECTIONS):
         found = {poisson: space.solve(poisson, modes, solved - modes) for poisson in probes}
         errors = {poisson: error[:modes].max() for poisson, (_, _, error) in found.items()}
-        # A larger space has smaller errors: what is good enough is not looked at again.
-        probes = [poisson for poisson in probes if errors[poisson] > _CORRECTED * max_error]
+        # Errors only fall as the space grows, so a probe that is good enough needs no second check.
+        probes = [poisson for poisson in probes if errors[poisson] > _CORRECTION_TARGET * max_error]
         if not probes:
             break
         worst = max(probes, key=errors.get)
         values, coefficients, error = found[worst]
-        columns = error > _MARGIN * max_error
+        columns = error > _CORRECTION_THRESHOLD * max_error
         space.correct(worst, values[columns], coefficients[:, columns], max_error)
         nodes.append(worst)
     return nodes
 
 
-def _compressed(
+def _compress(
     space: Reduction, modes: int, probes: list[float], max_error: float
 ) -> tuple[np.ndarray, float]:
-    """Return an orthonormal ``turn`` (r, s) to what the modes at the ``probes`` need, and the largest error left."""
+    """Return an orthonormal ``turn`` (r, s) to the directions that the ``probes`` need, and the largest error."""
     needed = np.concatenate([space.solve(poisson, modes, 1)[1] for poisson in probes], axis=1)
-    for drop in _DROPS:
+    for drop in _DROP_TOLERANCES:
         turn = space.needed(needed, drop)
         reduced = *space.turned(turn), space.energy_poisson
         error = max(solve_reduced(*reduced, poisson, modes)[2].max() for poisson in probes)
-        if error <= _COMPRESSED * max_error:
+        if error <= _COMPRESSION_TARGET * max_error:
             break
     return turn, float(error)
 
 
 def boundary(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the boundary of tetrahedra (T, 4): triangles (F, 3), outward, and the points they use (V,).
+    """Return the boundary of tetrahedra (T, 4): outward triangles (F, 3) and the points that they use (V,), ascending.
 
-    The triangles index into those points, which ascend.
+    The triangles index into those points.
     """
     faces = cells[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
@@ -195,12 +195,12 @@ def boundary(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _positions(cells: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Return where the given points stand among those that the cells use."""
+    """Return the positions of the given points among those that the cells use."""
     return np.searchsorted(np.unique(cells), nodes)
 
 
-def _at(nodes: np.ndarray, fields: np.ndarray) -> np.ndarray:
-    """Return the values of fields (3n, m) at some nodes (V,), (V, 3, m)."""
+def _values_at(nodes: np.ndarray, fields: np.ndarray) -> np.ndarray:
+    """Return the values (V, 3, m) of fields (3n, m) at some nodes (V,)."""
     return fields[(3 * nodes[:, None] + np.arange(3)).ravel()].reshape(len(nodes), 3, -1)
 
 

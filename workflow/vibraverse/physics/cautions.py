@@ -1,4 +1,4 @@
-"""What to know about frequencies before trusting them."""
+"""Warnings about the frequencies of a body."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from collections.abc import Iterable
 
 import numpy as np
 
-#: Largest estimated error of a frequency by the elements. Young's moduli of one material scatter by some 5 %, which
-#: moves every frequency by 2.5 %: below that the elements are not what decides. Of the default run's 22 bodies one is
-#: above, a rough ant (2.9 %; four times the target lowers it to 1.7 % and moves that frequency by 1.6 %). The next
-#: is a hollow tuning fork (1.9 %; twice the target moves its frequencies by at most 0.4 %).
+#: Largest estimated discretisation error without a warning. Young's moduli of one material scatter by some 5 %, which
+#: shifts every frequency by 2.5 %, so smaller errors do not matter. One of the default run's 22 bodies is above, a
+#: rough ant (2.9 %; four times the target lowers it to 1.7 % and shifts that frequency by 1.6 %). The next is a hollow
+#: tuning fork (1.9 %; twice the target shifts its frequencies by at most 0.4 %).
 MAX_ELEMENT_ERROR = 0.02
 
 

@@ -1,4 +1,4 @@
-"""Blocks of column vectors: how they grow, are made M-orthonormal, solve a small eigenproblem and get their signs."""
+"""Blocks of column vectors: storage, M-orthonormalisation, Rayleigh–Ritz, residuals and signs."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse as sp
 
-#: Where orthogonalising leaves less than this of a vector, rounding is felt and it is done twice.
-_CANCELLED = 1e-4
-#: A Gram matrix with eigenvalues closer than this is inverted without loss that matters.
+#: A vector is orthogonalised twice if the first pass leaves less than this share of it, because of rounding.
+_CANCELLATION = 1e-4
+#: A Gram matrix whose smallest eigenvalue exceeds this share of the largest needs no second pass.
 _WELL_CONDITIONED = 1e-3
 
 
 class Columns:
-    """A growing (n, size) array, columns contiguous; :attr:`all` is a view of what is there."""
+    """A growing (n, size) array with contiguous columns; :attr:`all` is a view of the columns so far."""
 
     def __init__(self, rows: int, capacity: int):
         self._array = np.empty((rows, capacity), order="F")
@@ -36,12 +36,12 @@ class Columns:
 
 
 def combine(space: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Return ``space @ coefficients``, columns contiguous: twice as fast as in NumPy's order where space's are."""
+    """Return ``space @ coefficients`` with contiguous columns: twice as fast as NumPy's order if space has them too."""
     return (coefficients.T @ space.T).T
 
 
 def product(matrix: sp.csr_matrix, block: np.ndarray) -> np.ndarray:
-    """Return ``matrix @ block``, rows contiguous: SciPy wants them so, and takes four times as long to turn a block."""
+    """Return ``matrix @ block`` with contiguous rows; SciPy is four times slower at reordering a block itself."""
     return matrix @ np.ascontiguousarray(block)
 
 
@@ -51,15 +51,15 @@ def project(space: np.ndarray, matrix: sp.csr_matrix) -> np.ndarray:
     return 0.5 * (projected + projected.T)
 
 
-def clear(block: np.ndarray, space: np.ndarray, weighted: np.ndarray) -> np.ndarray:
-    """Take from ``block`` (n, k), in place, its part in an M-orthonormal ``space`` (n, m), ``weighted = M space``.
+def project_out(block: np.ndarray, space: np.ndarray, weighted: np.ndarray) -> np.ndarray:
+    """Subtract from ``block`` (n, k), in place, its M-orthogonal projection onto an M-orthonormal ``space`` (n, m).
 
-    Returns what was taken as coefficients (m, k).
+    ``weighted`` is ``M space``. Returns the coefficients (m, k) of the projection.
     """
     before = np.linalg.norm(block, axis=0)
     coefficients = weighted.T @ block
     block -= combine(space, coefficients)
-    if (np.linalg.norm(block, axis=0) < _CANCELLED * before).any():
+    if (np.linalg.norm(block, axis=0) < _CANCELLATION * before).any():
         again = weighted.T @ block
         block -= combine(space, again)
         coefficients += again
@@ -69,8 +69,8 @@ def clear(block: np.ndarray, space: np.ndarray, weighted: np.ndarray) -> np.ndar
 def orthonormalising(gram: np.ndarray, rounding: float) -> tuple[np.ndarray, float]:
     """Return ``turn`` (m, k) with ``turnᵀ gram turn = I`` for a Gram matrix (m, m), and its least eigenvalue.
 
-    Columns are scaled to unit length; directions whose eigenvalue is below the share ``rounding`` of the largest one
-    are left out. The least eigenvalue is relative to the largest.
+    Columns are scaled to unit length first. Directions whose eigenvalue is below the share ``rounding`` of the largest
+    one are left out. The least eigenvalue is relative to the largest.
     """
     scale = 1.0 / np.sqrt(np.maximum(np.diag(gram), np.finfo(float).tiny))
     weights, directions = scipy.linalg.eigh(gram * scale[:, None] * scale)
@@ -82,8 +82,8 @@ def orthonormalising(gram: np.ndarray, rounding: float) -> tuple[np.ndarray, flo
 def orthonormalise(space: np.ndarray, mass: sp.csr_matrix):
     """Return an M-orthonormal basis Q of the columns' span, ``M Q`` and ``M space``.
 
-    Directions of their Gram matrix that are rounding are left out. A second pass
-    removes what rounding left of the first, where that is more than a few digits.
+    Directions that are rounding errors are left out. A second pass removes the rounding errors of the first, if that
+    lost more than a few digits.
     """
     weighted_space = weighted = product(mass, space)
     for limit in (1e-14, 1e-3):
@@ -95,14 +95,14 @@ def orthonormalise(space: np.ndarray, mass: sp.csr_matrix):
 
 
 def rayleigh_ritz(space: np.ndarray, stiffness: sp.csr_matrix, mass: sp.csr_matrix):
-    """Return the Ritz pairs of ``K u = ω² M u`` in the span of ``space`` (n, m) and their residuals.
+    """Return the Ritz pairs of ``K u = ω² M u`` in the span of ``space`` (n, m), with their residuals.
 
-    That is ω² (m,) ascending, ``u`` (n, m) M-orthonormal, and ``‖K u - ω² M u‖ / ‖ω² M u‖`` (m,).
+    ω² (m,) ascend, ``u`` (n, m) are M-orthonormal, and the residuals (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``.
     """
     stiff, weighted = product(stiffness, space), product(mass, space)
     energy, gram = space.T @ stiff, space.T @ weighted
     values, turn = scipy.linalg.eigh(0.5 * (energy + energy.T), 0.5 * (gram + gram.T))
-    # Each of these is as large as the space; no more of them at a time than needed.
+    # Each of these arrays is as large as the space, so each is freed as early as possible.
     force = combine(stiff, turn)
     del stiff
     inertia = combine(weighted, turn)
@@ -118,14 +118,14 @@ def residuals(stiffness, mass, values: np.ndarray, vectors: np.ndarray) -> np.nd
 
 
 def _relative(force: np.ndarray, inertia: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return ``‖K u - ω² M u‖ / ‖ω² M u‖`` from K u and M u, which are overwritten."""
+    """Return ``‖K u - ω² M u‖ / ‖ω² M u‖`` from ``K u`` and ``M u``, which are overwritten."""
     inertia *= values
     force -= inertia
     return np.linalg.norm(force, axis=0) / np.linalg.norm(inertia, axis=0)
 
 
 def fix_signs(vectors: np.ndarray) -> np.ndarray:
-    """Return the columns with the sign that makes the largest entry positive."""
+    """Return the columns with signs that make their largest entries positive."""
     return vectors * signs(vectors)
 
 

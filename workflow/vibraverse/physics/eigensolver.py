@@ -1,18 +1,19 @@
-"""The lowest eigenpairs of ``K u = ω² M u`` for a free body, all of them.
+"""The lowest eigenpairs of ``K u = ω² M u`` for a free body, proven to be complete.
 
-All sparse methods work on ``(K - σM)⁻¹ M`` with a *negative* shift σ: ``K - σM`` is positive definite
-even though K has the six rigid motions in its kernel, and no eigenvalue can hide near the shift. (σ = 0 or a small
-positive shift amid the rigid motions can return wrong modes without any error.)
+All sparse methods work on ``(K - σM)⁻¹ M`` with a *negative* shift σ. Then ``K - σM`` is positive definite although
+the six rigid motions are in the kernel of K, and no eigenvalue lies near the shift. (σ = 0, or a small positive shift
+amid the rigid motions, can return wrong modes without any error.)
 
-``lanczos``: block Lanczos with full reorthogonalisation, a block of right-hand sides costs a few times one.
-``arpack``: SciPy's implicitly restarted Lanczos. ``lobpcg``: SciPy's LOBPCG, preconditioned by the same factorisation.
-``dense``: LAPACK, for tiny meshes.
+- ``lanczos``: block Lanczos with full reorthogonalisation; a block of right-hand sides costs little more than one.
+- ``arpack``: SciPy's implicitly restarted Lanczos.
+- ``lobpcg``: SciPy's LOBPCG, preconditioned by the same factorisation.
+- ``dense``: LAPACK, for tiny meshes.
 
-No iteration can know what it missed. So ``K - cM`` is factorised once more, with c in a gap above the last pair: its
-negative eigenvalues are as many as eigenvalues lie below c (Sylvester's law of inertia). Ritz values bound eigenvalues
-from above one by one, so that equal numbers prove that none is missing; otherwise the problem is solved again.
+An iteration may miss pairs without noticing. So ``K - cM`` is factorised too, with c in a gap above the last pair: its
+negative eigenvalues count the eigenvalues below c (Sylvester's law of inertia). Each Ritz value is an upper bound of an
+eigenvalue, so equal counts prove that none is missing. Otherwise the problem is solved again.
 
-The six rigid motions are computed like every other mode (``lobpcg`` is given them), checked and counted, then dropped.
+The six rigid motions are computed like other modes (``lobpcg`` is given them), checked and counted, then dropped.
 """
 
 from __future__ import annotations
@@ -32,25 +33,25 @@ from vibraverse.physics.iterations import RIGID, Found, Pencil, arpack, block_la
 from vibraverse.physics.materials import lame
 
 _METHODS = {"lanczos": block_lanczos, "arpack": arpack, "lobpcg": lobpcg}
-#: Below this many unknowns LAPACK is faster than anything sparse.
-_DENSE_UNKNOWNS = 900
-#: A rigid eigenvalue vanishes to this fraction of the first elastic one.
+#: LAPACK is faster than any sparse method up to this many unknowns.
+_MAX_DENSE_UNKNOWNS = 900
+#: Largest rigid eigenvalue as a share of the first elastic one.
 _RIGID_TOLERANCE = 1e-4
-#: How often the problem is solved before missing pairs are an error.
-_ATTEMPTS = 3
-#: To this a factorisation that counts must reproduce the vectors next to the place where it counts.
-_COUNTS = 1e-3
+#: Most attempts to find all pairs.
+_MAX_ATTEMPTS = 3
+#: Relative error up to which a factorisation must reproduce test vectors before its count is trusted.
+_COUNT_TOLERANCE = 1e-3
 
 
 @dataclass(frozen=True)
 class Eigenpairs:
     """The lowest elastic eigenpairs, ascending: ``values`` (m,) are ω², ``vectors`` (n, m), ``vectorsᵀ M vectors = I``.
 
-    ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``; ``gap`` is the relative distance of the last value to the
-    next one, near zero where a multiplet is cut. ``method`` is the one that ran, ``solves`` how many right-hand sides
-    it solved (or preconditioned), ``attempts`` how often it ran until the pairs were proven complete, ``seconds`` the
-    CPU time of all. ``shift`` is σ and ``factor`` the factorisation of ``K - σM`` (None for ``dense``), for
-    more solves with it.
+    ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``. ``gap`` is the relative distance of the last value to the
+    next one, near zero where a multiplet is cut. ``method`` is the one that ran, ``solves`` the number of right-hand
+    sides that it solved or preconditioned, ``attempts`` the number of runs until the pairs were proven complete,
+    ``seconds`` the CPU time of all runs. ``shift`` is σ and ``factor`` the factorisation of ``K - σM`` for further
+    solves, None for ``dense``.
     """
 
     values: np.ndarray
@@ -79,7 +80,7 @@ def solve(
 
     ``tolerance`` bounds the residual of every pair; eigenvalues are right to about its square.
 
-    Raises :class:`Refused` when the mesh has too few unknowns, is not one body (more than six rigid modes), or
+    Raises :class:`Refused` when the mesh has too few unknowns or more than six rigid modes (several bodies), and when
     the iteration does not converge or keeps missing pairs.
     """
     began = time.process_time()
@@ -92,7 +93,7 @@ def solve(
         )
     stiffness, mass = operators.stiffness(*lame(1.0, poisson)), operators.mass
     if method == "auto":
-        method = "lanczos" if n > _DENSE_UNKNOWNS and n > 6 * wanted else "dense"
+        method = "lanczos" if n > _MAX_DENSE_UNKNOWNS and n > 6 * wanted else "dense"
     shift = shift_for(stiffness, mass, operators.nodes)
     attempts, factor = 1, None
     if method == "dense":
@@ -101,7 +102,9 @@ def solve(
     else:
         factor = factorise(operators.shifted(*lame(1.0, poisson), shift), factorisation)
         pencil = Pencil(stiffness, mass, shift, operators.nodes, factor)
-        found, attempts = _complete(pencil, operators, poisson, wanted, method, factorisation, tolerance, rng)
+        found, attempts = _solve_completely(
+            pencil, operators, poisson, wanted, method, factorisation, tolerance, rng
+        )
     values = np.append(found.values, found.following)
     return Eigenpairs(
         values=found.values[RIGID:wanted],
@@ -118,10 +121,10 @@ def solve(
 
 
 def shift_for(stiffness: sp.csr_matrix, mass: sp.csr_matrix, nodes: np.ndarray) -> float:
-    """Return a negative shift of the size of the first elastic eigenvalue.
+    """Return a negative shift of the magnitude of the first elastic eigenvalue.
 
-    Displacements that are quadratic in the coordinates bound that eigenvalue from above (Rayleigh–Ritz); half of
-    the bound is small against the wanted spectrum and large against rounding.
+    Displacements quadratic in the coordinates give an upper bound of that eigenvalue (Rayleigh–Ritz). Half of the bound
+    is small compared with the wanted spectrum and large compared with rounding.
     """
     x = nodes - nodes.mean(axis=0)
     x = x / np.abs(x).max()
@@ -134,13 +137,13 @@ def shift_for(stiffness: sp.csr_matrix, mass: sp.csr_matrix, nodes: np.ndarray) 
 def count_below(
     operators: Operators, poisson: float, cut: float, near: np.ndarray, factorisation: str = "auto", like=None
 ) -> int:
-    """Return how many eigenvalues, rigid motions' included, lie below ``cut``.
+    """Return how many eigenvalues lie below ``cut``, those of rigid motions included.
 
-    ``near`` (n, k) are vectors to test the factorisation with, among them those of eigenvalues next to ``cut``: one
-    that is right for a matrix so near that no eigenvalue crosses ``cut`` gives them back. Its ordering is that of the
-    factorisation ``like``, where that is of use.
+    ``near`` (n, k) are test vectors, among them eigenvectors of eigenvalues next to ``cut``. If the factorisation
+    reproduces them, it belongs to a matrix so close that no eigenvalue crosses ``cut``. It reuses the ordering of the
+    factorisation ``like`` where possible.
 
-    Raises :class:`Refused` where rounding leaves the count in doubt.
+    Raises :class:`Refused` if rounding leaves the count in doubt.
     """
     matrix = operators.shifted(*lame(1.0, poisson), cut)
     size = np.vecdot(near.T, (operators.mass @ near).T)
@@ -148,7 +151,7 @@ def count_below(
         factor = factorise(matrix, factorisation, definite=False, like=like, matched=matched)
         count, error = factor.negative_pivots, factor.solve(matrix @ near) - near
         factor.free()
-        if (np.vecdot(error.T, (operators.mass @ error).T) <= _COUNTS**2 * size).all():
+        if (np.vecdot(error.T, (operators.mass @ error).T) <= _COUNT_TOLERANCE**2 * size).all():
             return count
     raise Refused(
         "solve_failed",
@@ -157,7 +160,7 @@ def count_below(
     )
 
 
-def _complete(
+def _solve_completely(
     pencil: Pencil,
     operators: Operators,
     poisson: float,
@@ -167,9 +170,9 @@ def _complete(
     tolerance: float,
     rng: np.random.Generator,
 ) -> tuple[Found, int]:
-    """Run a method until what it finds is proven to be complete; also return how often it ran."""
+    """Run a method until its pairs are proven complete; return them and the number of runs."""
     missing = 0
-    for attempt in range(1, _ATTEMPTS + 1):
+    for attempt in range(1, _MAX_ATTEMPTS + 1):
         found = _METHODS[method](pencil, wanted, tolerance, rng, extra=missing)
         _check_rigid(found, operators)
         if found.worst > tolerance:
@@ -186,7 +189,7 @@ def _complete(
             return found, attempt
     raise Refused(
         "solve_failed",
-        f"The eigensolver {method} found {len(found.values)} modes below ω² = {cut:.6g}, which is {missing} off.",
+        f"The eigensolver {method} found {len(found.values)} modes below ω² = {cut:.6g}, which is wrong by {missing}.",
         "Choose another basis.method.",
     )
 
@@ -198,7 +201,7 @@ def _dense(stiffness: sp.csr_matrix, mass: sp.csr_matrix, wanted: int) -> Found:
 
 
 def _check_rigid(found: Found, operators: Operators) -> None:
-    """Check that the six rigid motions, and nothing else, have eigenvalue zero."""
+    """Raise :class:`Refused` unless exactly the six rigid motions have the eigenvalue zero."""
     values, vectors = found.values, found.vectors
     zeros = int(found.zeros.sum())
     if zeros > RIGID:

@@ -4,8 +4,8 @@ With ``λ = Eν/((1+ν)(1-2ν))`` and ``μ = E/(2(1+ν))`` the weak form is
 
     ∫ λ (div u)(div v) + μ (∇u + ∇uᵀ) : ∇v = ω² ∫ ρ u · v,
 
-so ``K = λ K_λ + μ K_μ`` and ``M = ρ M_1``, where the three matrices depend on the mesh alone. They are
-contracted for all elements at once from scikit-fem's scalar basis: with ``D_ij^ab = ∫ ∂_a φ_i ∂_b φ_j`` the
+so ``K = λ K_λ + μ K_μ`` and ``M = ρ M_1``, where the three matrices depend only on the mesh. They are
+contracted for many elements at once from scikit-fem's scalar basis. With ``D_ij^ab = ∫ ∂_a φ_i ∂_b φ_j`` the
 3×3 block that couples nodes i and j is
 
     K_λ: D^ab,      K_μ: δ_ab tr D + D^ba,      M_1: δ_ab ∫ φ_i φ_j.
@@ -26,18 +26,18 @@ from vibraverse.contract.errors import Refused
 if TYPE_CHECKING:
     from skfem import MeshTet
 
-#: Elements contracted at once; bounds the memory of the contraction to a few hundred megabytes.
-_BLOCK = 8192
+#: Elements contracted at once, which limits the memory to a few hundred megabytes.
+_BLOCK_ELEMENTS = 8192
 
 
 @dataclass(frozen=True)
 class Operators:
     """The matrices of one mesh, for unit density: ``K = lam * k_lambda + mu * k_mu``.
 
-    ``k_lambda``, ``k_mu``, ``mass``: (n, n) sparse, symmetric; ``nodes``: (n/3, 3) coordinates of the nodes, of which
-    the first ``n_vertices`` are the mesh's own points in order; ``volume`` in units of the mesh.
-    ``mass_data`` are the entries of ``mass`` on the sparsity pattern of the stiffness; ``mesh`` is scikit-fem's, each
-    element's vertices ascending, and ``element_nodes`` (T, 4 or 10) are its nodes in scikit-fem's order.
+    ``k_lambda``, ``k_mu`` and ``mass`` (n, n) are sparse and symmetric. ``nodes`` (n/3, 3) are the coordinates of the
+    nodes; the first ``n_vertices`` are the points of the mesh, in order. ``volume`` is in mesh units. ``mass_data``
+    holds the entries of ``mass`` on the sparsity pattern of the stiffness. ``mesh`` is scikit-fem's, with ascending
+    vertices in each element, and ``element_nodes`` (T, 4 or 10) are its nodes in scikit-fem's order.
     """
 
     k_lambda: sp.csr_matrix
@@ -70,7 +70,7 @@ class Operators:
 
 
 def check_tetrahedra(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Return the volumes (T,) of tetrahedra, all positive, or raise :class:`Refused`."""
+    """Return the volumes (T,) of tetrahedra; raises :class:`Refused` unless all are positive."""
     corners = points[cells]
     volumes = (
         np.einsum(
@@ -86,7 +86,7 @@ def check_tetrahedra(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
             "The mesh has no tetrahedra, or coordinates that are not finite numbers.",
             "Delete tets.msh, so that the next run makes it again.",
         )
-    # Twelve digits below the mean a volume is rounding, not geometry.
+    # A volume twelve digits below the mean is a rounding error, not geometry.
     bad = int((volumes <= 1e-12 * np.abs(volumes).mean()).sum())
     if bad:
         raise Refused(
@@ -100,9 +100,9 @@ def check_tetrahedra(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
 def assemble(points: np.ndarray, cells: np.ndarray, order: int = 2) -> Operators:
     """Assemble the operators of a tetrahedral mesh.
 
-    ``points`` (N, 3), ``cells`` (T, 4) positively oriented, ``order`` 1 or 2.
+    ``points`` (N, 3), ``cells`` (T, 4) positively oriented, ``order`` 1 or 2. Quadrature is exact for the order.
 
-    Raises :class:`Refused` for elements of zero or negative volume. Quadrature is exact for the order.
+    Raises :class:`Refused` for elements of zero or negative volume.
     """
     from skfem import Basis, ElementTetP1, ElementTetP2, MeshTet
 
@@ -114,7 +114,7 @@ def assemble(points: np.ndarray, cells: np.ndarray, order: int = 2) -> Operators
         points, cells = points[used], renumber[cells]
 
     element = {1: ElementTetP1, 2: ElementTetP2}[order]()
-    # With its vertices ascending an element knows which way its edges point. The forms do not mind its orientation.
+    # Ascending vertices give every edge the same direction in all its elements. The forms ignore the orientation.
     ascending = np.sort(cells, axis=1).T.astype(np.int64)
     mesh = MeshTet(np.ascontiguousarray(points.T, dtype=float), np.ascontiguousarray(ascending))
     parts = [
@@ -122,13 +122,13 @@ def assemble(points: np.ndarray, cells: np.ndarray, order: int = 2) -> Operators
             Basis(mesh, element, intorder=max(2 * order - 2, 1), elements=chunk),
             Basis(mesh, element, intorder=2 * order, elements=chunk),
         )
-        for chunk in np.array_split(np.arange(len(cells)), -(-len(cells) // _BLOCK))
+        for chunk in np.array_split(np.arange(len(cells)), -(-len(cells) // _BLOCK_ELEMENTS))
     ]
     first = parts[0][0]
     n = first.N
     dofs = np.concatenate([stiff.element_dofs for stiff, _ in parts], axis=1).T  # (T, k)
 
-    # One pattern of node pairs for all three matrices: the position of every (element, i, j) in it.
+    # The position of every (element, i, j) in the pattern of node pairs, which all three matrices share.
     pairs = dofs[:, :, None].astype(np.int64) * n + dofs[:, None, :]
     unique, position = np.unique(pairs, return_inverse=True)
     position = position.ravel()

@@ -1,21 +1,20 @@
-"""The error of the elements themselves, estimated and mostly removed.
+"""The discretisation error of the elements: its estimate, and corrections that mostly remove it.
 
-Quadratic elements of the default size leave frequencies one or two per cent too high, more in thin walls. Nearly all
-of that lies in the *surplus*: the functions that elements of the next degree would add (to quadratic ones a cubic for
-every edge and every face, to linear ones a quadratic for every edge). To solve in that larger space would cost many
-times more. But its lowest modes are those already known plus small corrections, and the operator on the surplus is
-well conditioned whatever the mesh (hierarchical bases: Zienkiewicz, Gago and Kelly, Comput. Struct. 16, 53, 1983;
-Bank and Smith, SIAM J. Numer. Anal. 30, 921, 1993). So the residuals of the modes, zero on the elements' own
-functions, are turned into corrections by three steps of block conjugate gradients, whose preconditioner is the
-factorised operator on the elements' own functions and the 3×3 blocks on the diagonal of the surplus.
+Quadratic elements of the default size leave frequencies one or two per cent too high, and more in thin walls. Nearly
+all of that error lies in the *surplus*: the functions that elements of the next degree would add. To quadratic elements
+these are a cubic for every edge and every face, to linear ones a quadratic for every edge. A solve in the larger space
+would cost many times more. But its lowest modes are the known ones plus small corrections, and the operator on the
+surplus is well conditioned on any mesh (hierarchical bases: Zienkiewicz, Gago and Kelly, Comput. Struct. 16, 53, 1983;
+Bank and Smith, SIAM J. Numer. Anal. 30, 921, 1993). The residuals of the modes vanish on the elements' own functions.
+Three steps of block conjugate gradients turn them into corrections. The preconditioner is the factorised operator on
+the elements' own functions, with the 3×3 diagonal blocks of the surplus.
 
-The corrections join the basis and the reduced problem is solved once more: Rayleigh–Ritz in the larger space, so a
-corrected frequency lies between the mesh's own and that of elements of the next degree (two-grid corrections of
+The corrections join the basis, and the reduced problem is solved again: Rayleigh–Ritz in the larger space. So a
+corrected frequency lies between those of the mesh and of elements of the next degree (two-grid corrections of
 eigenvalues: Xu and Zhou, Math. Comp. 70, 17, 2001).
 
-Nothing is assembled. The matrices of all elements act at once; they follow from integrals over one reference
-tetrahedron, because the gradients of the barycentric coordinates are constant in an element. Single precision is
-plenty for a correction.
+Nothing is assembled. Element matrices follow from integrals over one reference tetrahedron, because the gradients of
+barycentric coordinates are constant in an element. Single precision suffices for a correction.
 """
 
 from __future__ import annotations
@@ -29,20 +28,20 @@ from vibraverse.physics.columns import orthonormalise, orthonormalising, signs
 from vibraverse.physics.elasticity import Operators, rigid_modes
 from vibraverse.physics.materials import lame
 
-#: Steps of conjugate gradients; a fourth would lower frequencies by a hundredth to a tenth of what three do.
-_STEPS = 3
-#: Directions that weigh less than this beside the heaviest are rounding, of single precision.
-_ROUNDING = 1e-6
-#: Elements that act at once; bounds the memory for their vectors.
-_BLOCK = 4096
+#: Steps of conjugate gradients; a fourth would lower frequencies by 1 to 10 % of what three do.
+_CG_STEPS = 3
+#: Directions below this share of the largest eigenvalue are rounding errors of single precision.
+_ROUNDING_SHARE = 1e-6
+#: Elements applied at once, which limits the memory for their vectors.
+_BLOCK_ELEMENTS = 4096
 
 
 @dataclass(frozen=True)
 class Corrections:
-    """Vectors that join a basis of r vectors, themselves orthonormal in the mass of the larger space.
+    """Vectors that join a basis of r vectors, orthonormal in the mass of the larger space.
 
-    ``vectors`` (n, m): their values at the nodes; ``k_lambda``, ``k_mu`` (r + m, m): the last columns of the stiffness
-    of the larger space, projected onto basis and corrections; ``mass`` (r, m): its mass between the two.
+    ``vectors`` (n, m) are their values at the nodes. ``k_lambda`` and ``k_mu`` (r + m, m) are the last columns of the
+    stiffness of the larger space, projected onto basis and corrections; ``mass`` (r, m) couples the two.
     """
 
     vectors: np.ndarray
@@ -51,7 +50,7 @@ class Corrections:
     mass: np.ndarray
 
     def turned(self, turn: np.ndarray) -> Corrections:
-        """Return them for a basis with coefficients ``turn`` (r, s) in that one."""
+        """Return the corrections for a basis with coefficients ``turn`` (r, s) in the current one."""
         rank = len(turn)
         sides = (
             np.concatenate([turn.T @ matrix[:rank], matrix[rank:]]) for matrix in (self.k_lambda, self.k_mu)
@@ -89,7 +88,7 @@ def correct(
     rigid, _, _ = orthonormalise(rigid_modes(operators.nodes), operators.mass)
     drift = rigid.T @ weighted[:n]
     vectors = found[:n] - rigid @ drift
-    turn, _ = orthonormalising((found.T @ weighted - drift.T @ drift).astype(float), _ROUNDING)
+    turn, _ = orthonormalising((found.T @ weighted - drift.T @ drift).astype(float), _ROUNDING_SHARE)
     turn = turn * signs(vectors @ turn)
     columns = []
     for matrix, unit in ((operators.k_lambda, (1.0, 0.0)), (operators.k_mu, (0.0, 1.0))):
@@ -100,19 +99,19 @@ def correct(
 
 
 def _conjugate_gradients(operator, precondition, residual: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Return the solution (n, m) after a few steps from zero; ``direction`` is the residual, preconditioned.
+    """Return the solution (n, m) after a few steps from zero; ``direction`` is the preconditioned residual.
 
-    All columns share their directions, so the span of the solution depends on that of the residual alone: modes of
-    equal frequency, of which no solver knows which combination it will return, are corrected alike.
+    All columns share their search directions, so the span of the solution depends only on the span of the residual. So
+    modes of equal frequency get the same corrections, whichever combination of them a solver returns.
     """
     solution = np.zeros_like(residual)
-    for step in range(_STEPS):
+    for step in range(_CG_STEPS):
         image = operator(direction)
-        turn, _ = orthonormalising((direction.T @ image).astype(float), _ROUNDING)
+        turn, _ = orthonormalising((direction.T @ image).astype(float), _ROUNDING_SHARE)
         direction, image = (fields @ turn.astype(np.float32) for fields in (direction, image))
         length = direction.T @ residual
         solution += direction @ length
-        if step < _STEPS - 1:
+        if step < _CG_STEPS - 1:
             residual = residual - image @ length
             fresh = precondition(residual)
             direction = fresh - direction @ (image.T @ fresh)
@@ -120,9 +119,9 @@ def _conjugate_gradients(operator, precondition, residual: np.ndarray, direction
 
 
 class _Surplus:
-    """The elements' own functions with the surplus beside them: fields (n + s, m), values at the nodes first.
+    """The elements' own functions and the surplus: fields (n + s, m), values at the nodes first.
 
-    ``elements`` gives the matrices of all elements, rows for the surplus, columns for own functions and surplus.
+    :meth:`elements` returns the element matrices: rows for the surplus, columns for own functions and surplus.
     """
 
     def __init__(self, operators: Operators):
@@ -171,7 +170,7 @@ class _Surplus:
         return image
 
     def on_surplus(self, elements: np.ndarray, fields: np.ndarray) -> np.ndarray:
-        """Return the product with fields (n, m) of the own functions, on the surplus alone: (s, m)."""
+        """Return the product with fields (n, m) of the own functions, restricted to the surplus: (s, m)."""
         image = np.zeros((3 * self._counts[True], fields.shape[1]), dtype=fields.dtype)
         for block in self._blocks():
             product = elements[block, :, : self._own] @ self._gathered(fields, False, block)
@@ -179,7 +178,7 @@ class _Surplus:
         return image
 
     def inverse_diagonal(self, elements: np.ndarray):
-        """Return the function that multiplies fields (s, m) by the inverse 3×3 blocks on the surplus's diagonal."""
+        """Return a function that multiplies fields (s, m) by the inverse 3×3 diagonal blocks of the surplus."""
         rows = self._rows // 3
         corner = elements[:, :, self._own :].reshape(-1, rows, 3, rows, 3)
         blocks = np.zeros((self._counts[True], 3, 3))
@@ -189,17 +188,17 @@ class _Surplus:
         return lambda fields: (inverse @ fields.reshape(-1, 3, fields.shape[1])).reshape(fields.shape)
 
     def _blocks(self):
-        for start in range(0, len(self._volumes), _BLOCK):
-            yield slice(start, start + _BLOCK)
+        for start in range(0, len(self._volumes), _BLOCK_ELEMENTS):
+            yield slice(start, start + _BLOCK_ELEMENTS)
 
     def _gathered(self, fields: np.ndarray, surplus: bool, block: slice) -> np.ndarray:
-        """Return the fields (3c, m) at every element's numbers, (T, 3j, m)."""
+        """Return the values (T, 3j, m) of fields (3c, m) in every element."""
         numbers = self._numbers[surplus][block]
         width = fields.shape[1]
         return fields.reshape(-1, 3 * width)[numbers].reshape(len(numbers), -1, width)
 
     def _scattered(self, parts: np.ndarray, surplus: bool, block: slice) -> np.ndarray:
-        """Return the sums (3c, m) of the elements' parts (T, 3j, m)."""
+        """Return the sums (3c, m) of element values (T, 3j, m)."""
         numbers = self._numbers[surplus][block].ravel()
         shape = self._counts[surplus], len(numbers)
         adding = sp.csr_matrix(
@@ -209,10 +208,10 @@ class _Surplus:
 
 
 def _reference_integrals(order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return what every element shares: the mean over it of products of derivatives and of values.
+    """Return the mean products of derivatives and of values over the reference element.
 
-    (j (k + j), 16): of ``∂φ_r/∂L_p ∂φ_c/∂L_q`` with r in the surplus, L the barycentric coordinates; (j, k + j): of
-    ``φ_r φ_c``.
+    They are the means of ``∂φ_r/∂L_p ∂φ_c/∂L_q`` (j (k + j), 16) and of ``φ_r φ_c`` (j, k + j), where r is in the
+    surplus and L are the barycentric coordinates.
     """
     from skfem.quadrature import get_quadrature
     from skfem.refdom import RefTet
@@ -226,9 +225,9 @@ def _reference_integrals(order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _functions(order: int, at: np.ndarray):
-    """Return values (k, x) and derivatives (k, 4, x) of own functions and surplus at barycentric ``at`` (4, x).
+    """Return values (k, x) and derivatives (k, 4, x) of own functions and surplus at barycentric points (4, x).
 
-    The own functions are scikit-fem's, in its order; in the surplus, edges come before faces.
+    The own functions are in scikit-fem's order. In the surplus, edges come before faces.
     """
     from skfem.refdom import RefTet
 
@@ -237,7 +236,7 @@ def _functions(order: int, at: np.ndarray):
         corner.append((at[a], {a: 1.0}) if order == 1 else (at[a] * (2 * at[a] - 1), {a: 4 * at[a] - 1}))
     for a, b in RefTet.edges:
         edge.append((4 * at[a] * at[b], {a: 4 * at[b], b: 4 * at[a]}))
-        # It changes its sign with the edge's direction, which is why vertices ascend in every element.
+        # Its sign depends on the direction of the edge, so vertices must ascend in every element.
         slopes = {a: at[b] * (2 * at[a] - at[b]), b: at[a] * (at[a] - 2 * at[b])}
         cubic.append((at[a] * at[b] * (at[a] - at[b]), slopes))
     for a, b, c in RefTet.facets:

@@ -1,9 +1,8 @@
-"""Sparse factorisations of symmetric matrices, behind one small interface.
+"""Sparse factorisations of symmetric matrices, with a common interface.
 
-``PARDISO`` (MKL, through pypardiso) is the fast one; ``SuperLU`` (in SciPy) always works. Both solve for many
-right-hand sides at once, and both count the negative eigenvalues of an indefinite matrix (Sylvester's law of inertia).
-PARDISO's LDLᵀ pivots inside blocks, SuperLU must not pivot at all to stay symmetric, so that a count needs a test of
-accuracy.
+PARDISO (MKL, through pypardiso) is fast; SuperLU (in SciPy) is always available. Both solve for many right-hand sides
+at once and count the negative eigenvalues of an indefinite matrix (Sylvester's law of inertia). PARDISO's LDLᵀ pivots
+only inside blocks, and SuperLU must not pivot at all to stay symmetric. So a count needs a test of accuracy.
 """
 
 from __future__ import annotations
@@ -19,10 +18,10 @@ import scipy.sparse as sp
 from vibraverse.contract.errors import Refused
 from vibraverse.contract.limits import out_of_memory
 
-#: PARDISO's phases and errors.
+#: PARDISO's codes of phases and errors.
 _ANALYSE_AND_FACTORISE, _FACTORISE, _SOLVE, _SOLVE_BACKWARD = 12, 22, 33, 333
 _PARDISO_OUT_OF_MEMORY = -2
-_OTHERWISE = "Choose another basis.factorisation, or change tets.target_elements."
+_ADVICE = "Choose another basis.factorisation, or change tets.target_elements."
 _INTEGERS = ctypes.POINTER(ctypes.c_int32)
 
 
@@ -49,7 +48,7 @@ class SuperLU:
             if out_of_memory(error):
                 raise MemoryError from None
             raise Refused(
-                "solve_failed", f"SuperLU could not factorise the matrix: {error}.", _OTHERWISE
+                "solve_failed", f"SuperLU could not factorise the matrix: {error}.", _ADVICE
             ) from None
 
     def solve(self, b: np.ndarray) -> np.ndarray:
@@ -70,13 +69,11 @@ class SuperLU:
     def _diagonal(self) -> np.ndarray:
         """Return the diagonal of D in ``A = Pᵀ L D Lᵀ P``: without pivoting U is ``D Lᵀ``."""
         if not np.array_equal(self._lu.perm_r, self._lu.perm_c):
-            raise Refused(
-                "solve_failed", "SuperLU had to pivot, which leaves no symmetric factors.", _OTHERWISE
-            )
+            raise Refused("solve_failed", "SuperLU had to pivot, which leaves no symmetric factors.", _ADVICE)
         return self._lu.U.diagonal()
 
     def free(self) -> None:
-        """Give the memory back."""
+        """Free the memory."""
         self._lu = None
 
 
@@ -96,9 +93,9 @@ class Pardiso:
         matched: bool = False,
     ):
         self._solver = _pardiso_solver(2 if definite else -2)
-        # All parameters are set by hand: nested-dissection ordering, which is handed out or, where there is another
-        # factorisation of the same pattern, taken in; scaling and matching only where asked for, since they take longer
-        # than the factors; no iterative refinement (the eigensolver measures residuals itself).
+        # Explicit parameters: a nested-dissection ordering, returned for reuse or taken from a factorisation of the
+        # same pattern; scaling and matching only on demand, because they take longer than the factorisation itself; no
+        # iterative refinement, because the eigensolver measures residuals.
         iparm = self._solver.iparm
         iparm[:] = 0
         iparm[0], iparm[1], iparm[9], iparm[20] = 1, 2, 8, 1
@@ -114,7 +111,7 @@ class Pardiso:
     def _phase(self, phase: int, matrix: sp.csr_matrix) -> None:
         upper = sp.triu(matrix, format="csr")
         upper.sort_indices()
-        # PARDISO wants them for solves too, and counts from one.
+        # PARDISO needs these for solves too, and its indices start at one.
         self._matrix = upper.data, upper.indptr.astype(np.int32) + 1, upper.indices.astype(np.int32) + 1
         try:
             self._call(phase, np.zeros((matrix.shape[0], 1), order="F"))
@@ -124,9 +121,9 @@ class Pardiso:
         self.negative_pivots = int(self._solver.iparm[22])
 
     def _call(self, phase: int, b: np.ndarray) -> np.ndarray:
-        """Run a phase for right-hand sides (n, k), columns contiguous, and return what it makes of them.
+        """Run a phase for right-hand sides (n, k) with contiguous columns, and return its result (n, k).
 
-        pypardiso's own call would turn them over, and back, and build the indices anew every time.
+        pypardiso's own call would transpose them twice and rebuild the indices every time.
         """
         solver, error, out = self._solver, ctypes.c_int32(0), np.zeros_like(b, order="F")
         values, rows, columns = self._matrix
@@ -148,7 +145,7 @@ class Pardiso:
             raise Refused(
                 "solve_failed",
                 f"PARDISO could not factorise the matrix or solve with it (its error {error.value}).",
-                _OTHERWISE,
+                _ADVICE,
             )
         return out
 
@@ -158,11 +155,11 @@ class Pardiso:
         return self._call(phase, np.asfortranarray(columns, dtype=float)).reshape(b.shape, order="F")
 
     def inverse_root(self, noise: np.ndarray) -> np.ndarray:
-        """Return ``R noise`` for noise (n, k), where ``R Rᵀ = A⁻¹`` and A is positive definite: half a solve."""
+        """Return ``R noise`` for noise (n, k), where ``R Rᵀ = A⁻¹`` and A is positive definite; costs half a solve."""
         return self.solve(noise, _SOLVE_BACKWARD)
 
     def free(self) -> None:
-        """Give PARDISO's memory back; Python cannot see it."""
+        """Free PARDISO's memory, which Python's garbage collector does not see."""
         if self._solver is not None:
             self._solver.free_memory(everything=True)
             self._solver = None
@@ -173,12 +170,12 @@ class Pardiso:
 
 
 def _integer(value: int):
-    """Return a pointer to an integer, as Fortran takes it."""
+    """Return a pointer to an integer, as Fortran expects it."""
     return ctypes.byref(ctypes.c_int32(value))
 
 
 def available(name: str = "auto") -> str:
-    """Return the factorisation to use: ``auto`` is PARDISO where it loads, else SuperLU."""
+    """Return the name of the factorisation to use: ``auto`` means PARDISO if it loads, else SuperLU."""
     if name != "auto":
         return name
     try:
@@ -189,9 +186,9 @@ def available(name: str = "auto") -> str:
 
 
 def load(name: str = "auto") -> None:
-    """Let the solvers load and set aside what they do with their first matrix.
+    """Load the solvers and let them allocate their workspace, by a small first problem.
 
-    Where memory is limited and runs out at that moment, MKL ends the process, and OpenBLAS asks again for ever.
+    If memory is limited and runs out at that moment, MKL ends the process and OpenBLAS retries for ever.
     """
     import scipy.linalg
 
@@ -204,7 +201,7 @@ def load(name: str = "auto") -> None:
 
 
 def _pardiso_solver(matrix_type: int):
-    """Return pypardiso's solver, told where MKL lies: by itself it searches the whole environment for it."""
+    """Return pypardiso's solver; naming MKL's library spares its search through the whole environment."""
     if "PYPARDISO_MKL_RT" not in os.environ:
         libraries = sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*"))
         if libraries:
@@ -219,10 +216,9 @@ def factorise(
 ):
     """Factorise a symmetric sparse matrix with the named or the best available method.
 
-    The unknowns are ordered as in the factorisation ``like`` of a matrix with the same pattern, where that is of use.
-    With ``matched`` rows are scaled and matched before, which takes time and keeps digits of an indefinite matrix.
-    Raises :class:`Refused` with reason ``solve_failed`` when the matrix cannot be factorised, ``MemoryError`` where
-    there is too little memory for its factors.
+    PARDISO reuses the ordering of ``like``, a factorisation of a matrix with the same pattern. ``matched`` scales and
+    matches rows first, which takes time and preserves digits of an indefinite matrix. Raises :class:`Refused` with
+    reason ``solve_failed`` if the matrix cannot be factorised, ``MemoryError`` if its factors do not fit into memory.
     """
     if available(name) == "pardiso":
         return Pardiso(matrix, definite, like if isinstance(like, Pardiso) else None, matched)

@@ -1,17 +1,18 @@
-"""The sound of an impact: every mode answers a unit impulse, the answers are added up.
+"""Impact sounds: the sum of the impulse responses of all modes.
 
-A mode of undamped angular frequency ``ω``, damping ``d`` and weight ``w`` answers an impulse at ``t = 0`` with
+The response of a mode with undamped angular frequency ``ω``, damping ``d`` and weight ``w`` to an impulse at ``t = 0``
+is
 
-    q(t) = w e^{-d t} sin(ω_d t) / ω_d        ω_d = sqrt(ω² - d²)        d < ω   (it rings)
-    q(t) = w e^{-d t} sinh(γ t) / γ           γ = sqrt(d² - ω²)          d ≥ ω   (overdamped: it creeps back)
+    q(t) = w e^{-d t} sin(ω_d t) / ω_d        ω_d = sqrt(ω² - d²)        d < ω   (underdamped)
+    q(t) = w e^{-d t} sinh(γ t) / γ           γ = sqrt(d² - ω²)          d ≥ ω   (overdamped)
 
-Both are kept; the second is evaluated as ``t e^{-(d-γ) t} exprel(-2 γ t)`` with ``d - γ = ω² / (d + γ)``,
-which neither overflows nor cancels and is exact at critical damping. With all weights 1 the sum is the
-location-invariant impact sound; a strike at a surface point ``x`` along ``n`` has the weights ``u_i(x)·n``.
-Modes whose ``ω`` lies above half the sample rate would fold back as wrong tones and are left out.
+The second form is evaluated as ``t e^{-(d-γ) t} exprel(-2 γ t)`` with ``d - γ = ω² / (d + γ)``. This neither overflows
+nor cancels, and it is exact at critical damping. With all weights 1 the sum is the location-invariant impact sound; a
+strike at a surface point ``x`` along ``n`` has the weights ``u_i(x)·n``. Modes with ``ω`` above half the sample rate
+would alias and are left out.
 
-With mass-normalised modes ``q`` is in sqrt(kg)·m: the answer to 1 sqrt(kg)·m/s on every mode or, weighted, to
-an impulse of 1 N·s at the point.
+With mass-normalised modes ``q`` is in sqrt(kg)·m. It is the response to 1 sqrt(kg)·m/s on every mode or, with the
+weights of a strike, to an impulse of 1 N·s at the point.
 """
 
 from __future__ import annotations
@@ -22,19 +23,19 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import exprel
 
-#: No sound is shorter than this, however strong the damping.
+#: Shortest sound in seconds, however strong the damping.
 MIN_S = 0.02
-#: The last part of every sound falls smoothly to zero, so that the cut does not click.
+#: Length of the fade-out in seconds, which prevents a click at the end.
 FADE_S = 0.01
 
 
 @dataclass(frozen=True)
 class Sound:
-    """An impact sound and what went into it.
+    """An impact sound, with statistics of its modes.
 
-    ``samples`` (n,) float64 in sqrt(kg)·m. ``modes_rendered + modes_above_nyquist`` is the number of modes
-    given; ``modes_overdamped`` of the rendered ones do not ring. ``decayed`` tells whether the sound ends by
-    its own decay or by the time limit.
+    ``samples`` (n,) float64 are in sqrt(kg)·m. ``modes_rendered + modes_above_nyquist`` is the number of given modes;
+    ``modes_overdamped`` counts the rendered ones that do not ring. ``decayed`` is true if the sound ends by its decay,
+    false if it ends at the time limit.
     """
 
     samples: np.ndarray
@@ -60,9 +61,9 @@ def impact_sound(
 ) -> Sound:
     """Return the sound of modes with undamped ``frequencies_hz`` (m,) and ``damping_per_s`` (m,).
 
-    ``weights`` (m,) are those of a strike; None weighs every mode by 1. The sound lasts until the sum of the
-    modes' envelopes lies ``decay_db`` below its largest value, at most ``max_s`` and at least :data:`MIN_S`
-    seconds. Raises ValueError for shapes that disagree and for values that are not finite or have no meaning.
+    ``weights`` (m,) are those of a strike; None means 1 for every mode. The sound ends where the sum of the envelopes
+    has fallen ``decay_db`` below its maximum, after :data:`MIN_S` to ``max_s`` seconds. Raises ``ValueError`` for
+    shapes that disagree and for values that are not finite or not physical.
     """
     omega, damping, weights = _checked(frequencies_hz, damping_per_s, weights)
     audible = omega < math.pi * sample_rate_hz
@@ -87,7 +88,7 @@ def impact_sound(
 
 
 def _checked(frequencies_hz, damping_per_s, weights):
-    """Return angular frequencies, damping and weights as float64 arrays of one length."""
+    """Return angular frequencies, damping and weights as float64 arrays of equal length."""
     omega = 2.0 * math.pi * np.atleast_1d(np.asarray(frequencies_hz, dtype=np.float64))
     damping = np.atleast_1d(np.asarray(damping_per_s, dtype=np.float64))
     weights = np.ones_like(omega) if weights is None else np.atleast_1d(np.asarray(weights, dtype=np.float64))
@@ -104,7 +105,7 @@ def _checked(frequencies_hz, damping_per_s, weights):
 
 
 def _overdamped(omega, damping, time_s):
-    """Return ``e^{-d t} sinh(γ t) / γ`` for ``d ≥ ω``, also at ``d = ω``; arguments broadcast."""
+    """Return ``e^{-d t} sinh(γ t) / γ`` for ``d ≥ ω``, including ``d = ω``; arguments broadcast."""
     gamma = np.sqrt((damping - omega) * (damping + omega))
     return time_s * np.exp(-(omega**2) / (damping + gamma) * time_s) * exprel(-2.0 * gamma * time_s)
 
@@ -113,8 +114,8 @@ def _ringing(omega, damping, weight, count: int, step_s: float) -> np.ndarray:
     """Return ``Σ w e^{-d t} sin(ω_d t) / ω_d`` at ``t = 0, step, …``; (count,).
 
     A mode is the imaginary part of a power series, ``z^n`` with ``z = e^{(-d + iω_d) step}``. Writing
-    ``n = b·L + l`` splits it into ``z^{bL} · z^l``, so the sum over modes is one matrix product of two
-    tables with about sqrt(count) rows each: some 500 times fewer sines than sample by sample.
+    ``n = b·L + l`` splits it into ``z^{bL} · z^l``. So the sum over modes is a product of two matrices with about
+    sqrt(count) rows each, which takes some 500 times fewer sines than a loop over samples.
     """
     ringing = np.sqrt((omega - damping) * (omega + damping))
     length = math.isqrt(count - 1) + 1
@@ -128,11 +129,11 @@ def _ringing(omega, damping, weight, count: int, step_s: float) -> np.ndarray:
 
 
 def _length_s(omega, damping, weight, sample_rate_hz, decay_db, max_s) -> tuple[float, bool]:
-    """Return when the envelopes have fallen by ``decay_db``, and whether that is before ``max_s``.
+    """Return the time in seconds when the envelopes have fallen by ``decay_db``, and whether it is before ``max_s``.
 
-    The envelope of a ringing mode is ``e^{-d t} / ω_d``, bounded by its critical limit ``t e^{-d t}`` once a
-    period has passed; an overdamped mode is its own envelope and rises before it falls. So the sum is sampled at
-    times spread evenly over the decades and the last crossing is then found by halving.
+    The envelope of a ringing mode is ``e^{-d t} / ω_d``, bounded by its critical limit ``t e^{-d t}`` after a period.
+    An overdamped mode is its own envelope; it rises before it falls. So the sum is sampled at logarithmically spaced
+    times, and the last crossing is found by bisection.
     """
     rings = damping < omega
     ringing = np.sqrt((omega[rings] - damping[rings]) * (omega[rings] + damping[rings]))
@@ -161,14 +162,14 @@ def _length_s(omega, damping, weight, sample_rate_hz, decay_db, max_s) -> tuple[
 
 
 def _fade(samples: np.ndarray, sample_rate_hz: int) -> None:
-    """Bring the last :data:`FADE_S` seconds to zero in place, along half a cosine."""
+    """Fade out the last :data:`FADE_S` seconds in place, along half a cosine."""
     count = round(FADE_S * sample_rate_hz)
     samples[-count:] *= 0.5 + 0.5 * np.cos(np.pi * np.arange(1, count + 1) / count)
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Where a strike meets the surface: corner vertices, their weights, position and outward normal, (3,) each."""
+    """The contact of a strike: corner vertices, barycentric weights, position and outward normal, (3,) each."""
 
     corners: np.ndarray
     barycentric: np.ndarray
@@ -176,26 +177,26 @@ class Contact:
     normal: np.ndarray
 
     def weights(self, at_corners: np.ndarray) -> np.ndarray:
-        """Return ``u_i(x)·n`` (m,) of mode shapes (m, 3, 3) at the corners, axes: mode, corner, direction."""
+        """Return ``u_i(x)·n`` (m,) of mode shapes (m, 3, 3) at the corners; axes: mode, corner, direction."""
         return np.einsum("mck,c,k->m", at_corners.astype(np.float64), self.barycentric, self.normal)
 
 
 def strike_weights(mode_shapes, vertices, faces, point) -> np.ndarray:
     """Return each mode's weight (m,) for a strike along the normal at the surface point nearest to ``point``.
 
-    That is ``u_i(x)·n``; ``mode_shapes`` (m, V, 3) live on ``vertices`` (V, 3) and are interpolated linearly in
-    the nearest of ``faces`` (F, 3).
+    The weight is ``u_i(x)·n``. ``mode_shapes`` (m, V, 3) at ``vertices`` (V, 3) are interpolated linearly in the
+    nearest of ``faces`` (F, 3).
     """
     struck = contact(vertices, faces, point)
     return struck.weights(np.asarray(mode_shapes)[:, struck.corners])
 
 
 def contact(vertices, faces, point) -> Contact:
-    """Return the surface point nearest to ``point``.
+    """Return the contact at the surface point nearest to ``point``.
 
-    On an edge or at a corner the normal is the mean of the meeting faces' normals weighted by the angle that
-    each face takes there (Bærentzen and Aanæs, 2005), so it does not depend on how flat faces are split.
-    Raises ValueError when no face has an area.
+    On an edge or at a corner the normal is the angle-weighted mean over the faces there (Bærentzen and Aanæs, IEEE
+    Trans. Vis. Comput. Graph. 11, 243, 2005), so it does not depend on the triangulation of flat faces. Raises
+    ``ValueError`` when no face has an area.
     """
     vertices, point = np.asarray(vertices, dtype=np.float64), np.asarray(point, dtype=np.float64)
     faces = np.asarray(faces)
@@ -220,7 +221,7 @@ def contact(vertices, faces, point) -> Contact:
 
 
 def _nearest_barycentric(triangles, normals, point) -> np.ndarray:
-    """Return barycentric coordinates (F, 3) of the point of each triangle (F, 3, 3) nearest to ``point``."""
+    """Return barycentric coordinates (F, 3) of the nearest point to ``point`` in each triangle (F, 3, 3)."""
     inside = np.stack(
         [
             np.einsum("fk,fk->f", normals, np.cross(b - a, point - a))
@@ -243,7 +244,7 @@ def _nearest_barycentric(triangles, normals, point) -> np.ndarray:
 
 
 def _angle_at(triangle, barycentric) -> float:
-    """Return the angle a triangle takes around one of its points: 2π inside, π on an edge, else its corner's."""
+    """Return the angle of a triangle at one of its points: 2π inside, π on an edge, else that of the corner."""
     touched = np.flatnonzero(barycentric > 1e-9)
     if len(touched) > 1:
         return math.pi * (len(touched) - 1)

@@ -1,7 +1,7 @@
 """The table of materials, their elastic constants, and materials drawn at random.
 
-Values are the sets published with NeuralSound (Jin et al., 2022) and DiffSound (Jin et al., 2024);
-DiffSound lists ``alpha`` 10 for iron and 20 for steel.
+The values are those published with NeuralSound (Jin et al., 2022) and DiffSound (Jin et al., 2024). DiffSound lists
+``alpha`` 10 for iron and 20 for steel.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import re
 
 from vibraverse.contract.seeds import rng
 
-#: What makes a material: density, Young's modulus, Poisson's ratio, Rayleigh damping.
+#: Parameters of a material: density, Young's modulus, Poisson's ratio, Rayleigh damping.
 PARAMETERS = ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")
 
 _ROWS = {
@@ -43,22 +43,23 @@ def sampled_name(number: int) -> str:
 
 
 def sampled_number(name: str) -> int | None:
-    """Return which sampled material a name means; None for every other name."""
+    """Return the number of the sampled material with a name, None for other names."""
     found = _SAMPLED.fullmatch(name)
     return int(found[1]) if found and sampled_name(int(found[1])) == name else None
 
 
 def sampled(object_id: str, seed: int, count: int, ranges: dict) -> dict:
-    """Return ``count`` materials of an object, each parameter an array (count,) in its ``ranges`` (lowest, highest).
+    """Return ``count`` sampled materials of an object: for each parameter an array (count,) within its range.
 
-    Poisson's ratio is drawn evenly, the others evenly in their logarithm. Number k depends on id, seed and k alone.
+    ``ranges`` holds (lowest, highest) by parameter. Poisson's ratio is drawn uniformly, the others log-uniformly.
+    Material k depends only on id, seed and k.
     """
     return drawn(rng(object_id, "materials", str(seed)), count, ranges)
 
 
 def drawn(random, count: int, ranges: dict) -> dict:
-    """Return what :func:`sampled` does, from a NumPy generator."""
-    # Row by row, so that a higher count begins with the same rows.
+    """Return materials as :func:`sampled` does, drawn from a NumPy generator."""
+    # Drawn row by row, so that a higher count starts with the same rows.
     places = random.random((count, len(PARAMETERS))).T
     found = {}
     for name, place in zip(PARAMETERS, places, strict=True):

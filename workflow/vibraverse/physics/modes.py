@@ -1,9 +1,9 @@
-"""Frequencies, damping and mode shapes of any material, from the modal basis.
+"""Frequencies, damping and mode shapes in any material, from the modal basis.
 
-``(λ(ν) A_λ + μ(ν) A_μ) c = ω̂² c`` for E = ρ = 1, then ``ω = ω̂ sqrt(E/ρ) / s`` with s metres per mesh unit.
-Rayleigh damping ``D = αM + βK`` gives ``d = ½(α + β ω²)`` and the damped frequency ``ω_d = sqrt(ω² - d²)``; a mode with
-``d >= ω`` does not ring, and its damped frequency is 0. With the corrections of :mod:`vibraverse.physics.enrichment`
-most of the elements' own error is removed from the frequencies.
+First ``(λ(ν) A_λ + μ(ν) A_μ) c = ω̂² c`` is solved for E = ρ = 1; then ``ω = ω̂ sqrt(E/ρ) / s`` with s metres per mesh
+unit. Rayleigh damping ``D = αM + βK`` gives ``d = ½(α + β ω²)`` and the damped frequency ``ω_d = sqrt(ω² - d²)``. A
+mode with ``d >= ω`` does not ring, and its damped frequency is 0. The corrections of
+:mod:`vibraverse.physics.enrichment` remove most of the discretisation error from the frequencies.
 """
 
 from __future__ import annotations
@@ -17,21 +17,21 @@ from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.materials import lame
 from vibraverse.physics.reduced import GUARD, ModalBasis, solve_corrected, solve_reduced
 
-#: What corrections leave of the elements' error, as a share of what they remove: near the largest seen
-#: (benchmarks/accuracy.py), so that the estimate errs on the safe side.
-_LEFT = 0.25
+#: Discretisation error after the corrections, as a share of what they remove. It is close to the largest share found
+#: by benchmarks/accuracy.py, so the estimate is conservative.
+_REMAINING_SHARE = 0.25
 
 
 @dataclass(frozen=True)
 class MaterialModes:
     """The modes of one body in one material, ascending.
 
-    ``frequencies_hz`` (m,) undamped; ``damped_frequencies_hz`` (m,), 0 where overdamped; ``damping_per_s`` (m,);
-    ``relative_error`` (m,) estimated relative error of each frequency by the reduction to the basis;
-    ``discretisation_error`` (m,) estimated relative error by the elements; ``coefficients`` (m, r), or (m, r + c) with
-    corrections, the mode shapes in the basis, mass-normalised, in kg^(-1/2) (see :mod:`vibraverse.physics.shapes`).
-    ``following_hz`` is the frequency of the next mode, not kept: where it is that of the last one, the cut goes
-    through a multiplet; it is 0 where the mesh has no more.
+    ``frequencies_hz`` (m,) are undamped, ``damped_frequencies_hz`` (m,) are 0 where overdamped, and ``damping_per_s``
+    (m,) are decay rates. ``relative_error`` (m,) is the estimated relative error of each frequency by the reduction to
+    the basis, ``discretisation_error`` (m,) that by the elements. ``coefficients`` (m, r), or (m, r + c) with
+    corrections, are the mass-normalised mode shapes in the basis in kg^(-1/2) (see :mod:`vibraverse.physics.shapes`).
+    ``following_hz`` is the frequency of the next mode, which is not kept, or 0 if the mesh has none. If it equals the
+    last one, the cut goes through a multiplet.
     """
 
     frequencies_hz: np.ndarray
@@ -50,8 +50,8 @@ def solve_material(
     """Return the modes of a body in a material.
 
     ``material`` holds ``density_kg_m3``, ``young_pa``, ``poisson``, ``alpha_per_s`` and ``beta_s``; ``scale_m`` is
-    metres per mesh unit; at most as many modes as the basis was built for are returned. Without ``corrected`` the
-    frequencies are those of the mesh's elements as they are. The basis may lack its surface.
+    metres per mesh unit. At most as many modes are returned as the basis was built for. Without ``corrected`` the
+    frequencies include the discretisation error. The basis may lack its surface.
     """
     young, density = material["young_pa"], material["density_kg_m3"]
     modes = min(modes, len(basis.residuals))
@@ -75,9 +75,9 @@ def solve_material(
 def solve_materials(
     basis: ModalBasis, materials: dict[str, np.ndarray], scale_m: float, modes: int, corrected: bool = True
 ) -> dict[str, np.ndarray]:
-    """Return frequencies and errors of many materials, whose parameters are arrays (n,); some milliseconds each.
+    """Return frequencies and errors in many materials, whose parameters are arrays (n,); some milliseconds each.
 
-    ``frequencies_hz``, ``relative_error`` and ``discretisation_error`` (n, m), ``mass_kg`` (n,), as in
+    ``frequencies_hz``, ``relative_error`` and ``discretisation_error`` are (n, m) and ``mass_kg`` is (n,), as in
     :class:`MaterialModes`.
     """
     found = [
@@ -91,10 +91,10 @@ def solve_materials(
 def departure(
     basis: ModalBasis, material: dict, scale_m: float, frequencies_hz: np.ndarray, coefficients: np.ndarray
 ) -> np.ndarray:
-    """Return by how much (m,) coefficients (m, q) fail to be modes of these frequencies (m,), as a share.
+    """Return the relative departure (m,) of coefficients (m, q) from modes with the given frequencies (m,).
 
-    Modes are orthonormal in the mass and orthogonal in the stiffness, which gives every one its ``ω²``; for each mode
-    it is the largest difference from that, of the mass or of the larger ``ω²`` of the two.
+    Modes are M-orthonormal and K-orthogonal with ``ω²`` on the diagonal. For each mode this is the largest departure
+    from either, where that from the stiffness is relative to the larger ``ω²`` of the pair.
     """
     young, density, poisson = (material[name] for name in ("young_pa", "density_kg_m3", "poisson"))
     lam, mu = lame(1.0, poisson)
@@ -117,8 +117,8 @@ def departure(
 class ReducedModes:
     """Pairs for E = ρ = 1: ``values`` ω̂² (m,), ``coefficients`` (r, m), or (r + c, m) with corrections.
 
-    ``relative_error`` and ``discretisation_error`` (m,) as in :class:`MaterialModes`; ``following`` is the next ω̂², 0
-    where the mesh has no more.
+    ``relative_error`` and ``discretisation_error`` (m,) are as in :class:`MaterialModes`. ``following`` is the next
+    ω̂², or 0 if the mesh has none.
     """
 
     values: np.ndarray
@@ -139,5 +139,7 @@ def reduced_solve(basis: ModalBasis, poisson: float, modes: int, corrected: bool
     found = lower if corrected else values
     following = float(found[modes]) if len(found) > modes else 0.0
     if corrected:
-        return ReducedModes(lower[:modes], following, fix_signs(mixed), error[:modes], _LEFT * lowered)
+        return ReducedModes(
+            lower[:modes], following, fix_signs(mixed), error[:modes], _REMAINING_SHARE * lowered
+        )
     return ReducedModes(values[:modes], following, fix_signs(vectors[:, :modes]), error[:modes], lowered_here)

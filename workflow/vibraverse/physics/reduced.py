@@ -1,8 +1,8 @@
-"""The modal basis of a body, and the dense problem that is left of it for a material.
+"""The modal basis of a body, and the reduced dense eigenproblem ``(λ A_λ + μ A_μ) c = ω² c`` for a material.
 
-Everything a new material needs, on NumPy and SciPy alone: no mesh, no finite elements. How a basis comes about is told
-in :mod:`vibraverse.physics.basis`, how its errors are known in :mod:`vibraverse.physics.reduction`, and what its
-corrections are in :mod:`vibraverse.physics.enrichment`.
+This module needs only NumPy and SciPy: no mesh, no finite elements. See :mod:`vibraverse.physics.basis` for the
+construction of a basis, :mod:`vibraverse.physics.reduction` for its errors and :mod:`vibraverse.physics.enrichment` for
+its corrections.
 """
 
 from __future__ import annotations
@@ -14,25 +14,28 @@ import scipy.linalg
 
 from vibraverse.physics.materials import lame
 
-#: Modes solved for beyond those kept: where spectra cross, a mode just above the last one kept at one ν is among
-#: those kept elsewhere, and corrections may bring it among them.
+#: Modes computed beyond those kept. Where branches of the spectrum cross, a mode above the last one kept at one ν is
+#: kept at another ν, and corrections may lower it into the kept ones.
 GUARD = 8
-#: The gap to the modes that the space does not resolve is not taken below this share.
-_LEAST_GAP = 0.15
+#: Smallest gap to unresolved modes that the error estimate assumes, as a share.
+_MIN_GAP = 0.15
 
 
 @dataclass(frozen=True)
 class ModalBasis:
     """The modal basis of one body, in mesh units with E = ρ = 1.
 
-    ``a_lambda``, ``a_mu``: (r, r) reduced stiffness; ``sketch``: (k, p, 3r) for error estimates, in the energy norms
-    of ``energy_poisson`` (k,); ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface``: (V, 3, r) the basis on
-    its vertices; ``correction_lambda``, ``correction_mu`` (r + m, m), ``correction_mass`` (r, m) and
-    ``correction_surface`` (V, 3, m): what :class:`vibraverse.physics.enrichment.Corrections` adds to it;
-    ``poisson_range`` (2,) with ``error`` the largest estimated relative error of a frequency in it;
-    ``poisson_nodes``: where the sparse problem was solved, then where the space was corrected, in order;
-    ``residuals`` (m,) of that solve; ``volume``, ``centre`` (3,) and ``inertia`` (3, 3) about it for unit density.
-    What lies on the surface is None where only frequencies are wanted.
+    - ``a_lambda``, ``a_mu`` (r, r): reduced stiffness.
+    - ``sketch`` (k, p, 3r): data of the error estimates, in the energy norms of ``energy_poisson`` (k,).
+    - ``vertices`` (V, 3), ``faces`` (F, 3): the surface; ``surface`` (V, 3, r): the basis on its vertices.
+    - ``correction_lambda``, ``correction_mu`` (r + m, m), ``correction_mass`` (r, m), ``correction_surface`` (V, 3, m):
+      the corrections (:class:`vibraverse.physics.enrichment.Corrections`).
+    - ``poisson_range`` (2,), and ``error``: the largest estimated relative error of a frequency in it.
+    - ``poisson_nodes``: the ν of the sparse solve, then those of the corrections, in order.
+    - ``residuals`` (m,) of the sparse solve.
+    - ``volume``, ``centre`` (3,) and ``inertia`` (3, 3) about the centre, for unit density.
+
+    The arrays on the surface are None if only frequencies are wanted.
     """
 
     a_lambda: np.ndarray
@@ -72,13 +75,13 @@ def solve_reduced(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Solve the reduced problem for E = ρ = 1.
 
-    ``a_lambda``, ``a_mu`` (r, r), ``sketch`` (k, p, 3r) the products ``Yᵀ [K_λ U, K_μ U, M U]`` for each ν₀ in
-    ``energy_poisson`` (k,), of which the nearest is taken. Returns ω̂² (m,), coefficients (r, m) and the estimated
+    ``a_lambda`` and ``a_mu`` are (r, r). ``sketch`` (k, p, 3r) holds the products ``Yᵀ [K_λ U, K_μ U, M U]`` for each
+    ν₀ in ``energy_poisson`` (k,); the nearest ν₀ is used. Returns ω̂² (m,), coefficients (r, m) and the estimated
     relative error (m,) of each frequency, for the ``modes`` lowest pairs and up to ``guard`` more.
 
-    To first order a Ritz value exceeds the eigenvalue by ``‖r‖²`` in the norm of ``(K - ω²M)⁻¹`` off the basis. There
-    every direction is stiffer than the modes kept, so the energy norm times ``1 / (1 - ω²/ω²_next)`` covers it; the gap
-    is not taken below 0.15 because the basis resolves several modes above the last one too.
+    To first order a Ritz value exceeds the eigenvalue by ``‖r‖²`` in the norm of ``(K - ω²M)⁻¹`` on the complement of
+    the basis. Every direction there is stiffer than the modes kept, so the energy norm times ``1 / (1 - ω²/ω²_next)``
+    is an upper bound. The gap is taken as 0.15 at least, because the basis also resolves several modes above the last.
     """
     lam, mu = lame(1.0, poisson)
     wanted = min(modes + max(guard, 1), len(a_mu))
@@ -87,7 +90,7 @@ def solve_reduced(
     residual = sketch[nearest] @ np.concatenate([lam * vectors, mu * vectors, -values * vectors])
     size = (residual**2).mean(axis=0)
     gap = 1.0 - values / values[modes] if wanted > modes else np.ones(wanted)
-    error = 0.5 * size / values / np.maximum(gap, _LEAST_GAP)
+    error = 0.5 * size / values / np.maximum(gap, _MIN_GAP)
     kept = min(modes + guard, wanted)
     return values[:kept], vectors[:, :kept], error[:kept]
 
@@ -103,9 +106,9 @@ def solve_corrected(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Solve the reduced problem with the corrections of :mod:`vibraverse.physics.enrichment`, for E = ρ = 1.
 
-    ``values`` (q,) and ``coefficients`` (r, q) are the lowest pairs without them, a few more than ``modes``. Returns
-    ω̂² (q,), coefficients (r + m, modes), the share by which corrections lowered each of these frequencies (modes,),
-    and by which they lowered each of the modes without them, which may stand in another order (modes,).
+    ``values`` (q,) and ``coefficients`` (r, q) are the lowest uncorrected pairs, a few more than ``modes``. Returns ω̂²
+    (q,), coefficients (r + m, modes), and the relative lowering of each frequency twice: (modes,) in the order of the
+    corrected modes and (modes,) in that of the uncorrected ones.
     """
     lam, mu = lame(1.0, poisson)
     columns = lam * k_lambda + mu * k_mu
@@ -114,7 +117,7 @@ def solve_corrected(
     stiffness = np.block([[np.diag(values), side], [side.T, columns[rank:]]])
     weight = np.block([[np.eye(kept), link], [link.T, np.eye(len(link.T))]])
     corrected, mixing = scipy.linalg.eigh(stiffness, weight, subset_by_index=(0, kept - 1))
-    # Without its corrections a mode would have Rayleigh's quotient of what is left of it.
+    # A mode without its corrections has the Rayleigh quotient of its uncorrected part.
     weights = mixing[:kept] ** 2
     lowered = np.sqrt(values @ weights / weights.sum(axis=0) / corrected) - 1.0
     lowered_here = (weights @ lowered / weights.sum(axis=1))[:modes]

@@ -1,4 +1,4 @@
-"""Mode shapes from their coefficients in the modal basis, on NumPy alone: readers of a dataset have no more."""
+"""Mode shapes from their coefficients in the modal basis, with NumPy alone, for readers of a dataset."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ import numpy as np
 
 
 def mode_shapes(surface: np.ndarray, corrections: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Return mode shapes (m, V, 3) on the surface from their coefficients, in kg^(-1/2) and the surface's precision.
+    """Return mode shapes (m, V, 3) on the surface in kg^(-1/2), in the precision of ``surface``.
 
     ``surface`` (V, 3, r) and ``corrections`` (V, 3, c) are those of a
-    :class:`vibraverse.physics.reduced.ModalBasis`, or some vertices of them;
-    ``coefficients`` (m, r), or (m, r + c) with corrections.
+    :class:`vibraverse.physics.reduced.ModalBasis`, or a selection of their vertices. ``coefficients`` are (m, r), or
+    (m, r + c) with corrections.
     """
     rank = surface.shape[2]
     shapes = _combined(surface, coefficients[:, :rank])

@@ -1,1 +1,1 @@
-"""Where objects come from: parametric shape families, bundled models, mesh folders, Objaverse."""
+"""Sources of objects: parametric shape families, bundled models, mesh files, Objaverse."""

@@ -1,7 +1,7 @@
 """The meshes that ship inside the pyvista package: real, imperfect models that need no network.
 
-The package distributes them under its own licence and names no other. They come without a scale, so a size
-that suits the thing is stated here.
+The package distributes them under its own licence and names no other. They have no scale, so this module states a
+plausible size for each.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from vibraverse.contract.errors import Refused
 
 @dataclass(frozen=True)
 class Bundled:
-    """One shipped mesh: its file, what it shows and how large the thing is."""
+    """A bundled mesh: its file, its subject and its size."""
 
     file: str
     title: str
@@ -25,7 +25,7 @@ class Bundled:
     attribution: str = "The PyVista Developers, https://pyvista.org"
 
 
-#: Object id -> what is known about it.
+#: Object id -> bundled mesh.
 BUNDLED = {
     "nut": Bundled("nut.ply", "A heavy nut", "hardware", 0.12),
     "airplane": Bundled("airplane.ply", "A toy airliner", "toy", 0.25),

@@ -1,6 +1,6 @@
-"""The list of all objects a configuration names: each with its id, its origin and what the stage needs.
+"""The catalogue of all objects in a configuration: id, origin and the options of the stage ``sources``.
 
-Snakemake reads this every time it starts, so nothing here loads a numerical library or opens a mesh.
+Snakemake reads the catalogue every time it starts, so this module loads no numerical library and opens no mesh.
 """
 
 from __future__ import annotations
@@ -19,10 +19,9 @@ from vibraverse.sources.search import NoMeshes, find
 
 @dataclass(frozen=True)
 class Entry:
-    """One object: ``options`` are those of the stage ``sources``, ``input`` is a mesh file of the user's.
+    """One object: ``options`` are those of the stage ``sources``, ``input`` is the user's mesh file, if any.
 
-    ``size_m`` is the longest side in metres as the configuration or a manifest states it, or None; ``size_origin``
-    says which of the two.
+    ``size_m`` is the longest side in metres that ``size_origin``, the configuration or a manifest, states; or None.
     """
 
     object: str
@@ -36,14 +35,14 @@ class Entry:
 def catalogue(config: Config) -> dict[str, Entry]:
     """Return all objects by id, in the order of the configuration: generated, bundled, files, Objaverse.
 
-    Raises :class:`vibraverse.config.ConfigError` for unknown names, missing folders and ids that occur twice.
+    Raises :class:`vibraverse.config.ConfigError` for unknown names, missing folders and duplicate ids.
     """
     entries: dict[str, Entry] = {}
     for entry in _entries(config):
         other = entries.get(entry.object)
         if other is not None:
             raise ConfigError(
-                f"two objects have the id {entry.object!r}: {_whence(other)} and {_whence(entry)}; "
+                f"two objects have the id {entry.object!r}: {_described(other)} and {_described(entry)}; "
                 "rename one file, or list the folder above both"
             )
         entries[entry.object] = entry
@@ -55,7 +54,7 @@ def catalogue(config: Config) -> dict[str, Entry]:
 
 
 def generated_ids(count: int, families: list[str], first: int = 0) -> list[str]:
-    """Return the ids of ``count`` generated objects: families take turns, each counts from ``first``."""
+    """Return the ids of ``count`` generated objects: families in rotation, each numbered from ``first``."""
     return [
         f"{families[i % len(families)]}-{first + i // len(families):04d}" for i in range(count) if families
     ]
@@ -99,7 +98,7 @@ def _entries(config: Config):
         yield Entry(f"objaverse-{uid.lower()}", "objaverse", options)
 
 
-def _whence(entry: Entry) -> str:
+def _described(entry: Entry) -> str:
     return str(entry.input) if entry.input else f"{entry.origin} {entry.object}"
 
 

@@ -1,7 +1,7 @@
-"""Manifests: a table of mesh files, one object per row, with what is known about each.
+"""Manifests: tables of mesh files, one object per row, with its id, size, category and licence.
 
-Snakemake reads the catalogue every time it starts, so a manifest of 50,000 rows takes about a second and no library
-beyond the language's own.
+Snakemake reads the catalogue every time it starts. So this module uses only the standard library, and a manifest of
+50,000 rows takes about a second.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from vibraverse.files.formats import is_mesh, names
 from vibraverse.physics.plausible import size_mistake
 from vibraverse.sources.search import NoMeshes, wrong_characters
 
-#: Column -> what it holds.
+#: Column -> its meaning.
 COLUMNS = {
     "path": "the mesh file, relative to the manifest",
     "id": "the object's id; default: the path without its extension, as of a file in a folder",
@@ -34,7 +34,7 @@ _EXTENSIONS = (".csv", ".tsv")
 
 @dataclass(frozen=True)
 class Row:
-    """One object of a manifest; what a row leaves empty is None."""
+    """One object of a manifest; empty cells are None."""
 
     object: str
     path: Path
@@ -49,9 +49,9 @@ def is_manifest(path: str) -> bool:
 
 
 def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
-    """Return the rows of a manifest in their order; where ``categories`` are given, no row may state another.
+    """Return the rows of a manifest, in order; ``categories``, if given, are the only valid ones.
 
-    The first line names the columns; commas, semicolons or tabs separate them. Raises :class:`NoMeshes` that lists
+    The first line names the columns, separated by commas, semicolons or tabs. Raises :class:`NoMeshes`, which lists
     every mistake with its line and column.
     """
     manifest = Path(path).expanduser()
@@ -79,7 +79,7 @@ def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
         if object_ in seen:
             mistakes.append(
                 f"line {line}, column id: the id {object_!r} is that of line {seen[object_]} already; "
-                "give one of them another in the column id"
+                "give one of them another id"
             )
             continue
         seen[object_] = line
@@ -87,14 +87,14 @@ def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
         file = manifest.parent / values["path"]
         rows.append(Row(object_, file, size_m, values.get("category") or None, values.get("licence") or None))
     if mistakes:
-        raise NoMeshes(_told(path, mistakes))
+        raise NoMeshes(_message(path, mistakes))
     if not rows:
         raise NoMeshes(f"the manifest {path} lists no meshes; write a line for each below the first")
     return rows
 
 
 def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
-    """Return the cells of the first line, and of every further line that is not empty with its number."""
+    """Return the cells of the first line, and the number and cells of every further line that is not empty."""
     try:
         if not stat.S_ISREG(manifest.stat().st_mode):
             raise NoMeshes(f"the manifest {manifest} is not a file; name a CSV or TSV file")
@@ -134,7 +134,7 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
 
 
 def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
-    """Return where each column stands; raises :class:`NoMeshes` for names that are unknown, doubled or missing."""
+    """Return the position of each column; raises :class:`NoMeshes` for unknown, duplicate or missing names."""
     from vibraverse.contract.texts import unknown
 
     columns: dict[str, int] = {}
@@ -149,14 +149,14 @@ def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
     if "path" not in columns:
         mistakes.append(f"line 1: the column path is missing; add it (known columns: {', '.join(COLUMNS)})")
     if mistakes:
-        raise NoMeshes(_told(str(manifest), mistakes))
+        raise NoMeshes(_message(str(manifest), mistakes))
     return columns
 
 
 def _row_mistakes(
     manifest: Path, values: dict[str, str], categories: Sequence[str]
 ) -> Iterator[tuple[str, str]]:
-    """Yield the column and the sentence of everything that is wrong with one row."""
+    """Yield the column and the description of every mistake in one row."""
     from vibraverse.contract.texts import unknown
 
     path = values["path"]
@@ -205,7 +205,7 @@ def _is_size(text: str) -> bool:
         return False
 
 
-def _told(path: str, mistakes: list[str]) -> str:
+def _message(path: str, mistakes: list[str]) -> str:
     """Return one mistake as a sentence, and several as a list."""
     from vibraverse.contract.texts import listed
 

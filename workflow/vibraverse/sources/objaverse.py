@@ -1,7 +1,7 @@
 """Objaverse models by UID, through the ``objaverse`` package and its cache.
 
-What the cache holds is used without a network: the index of paths, the metadata that carry licence and
-author, and the GLB files, in the package's own layout.
+Cached data are used without a network: the index of paths, the metadata with licence and author, and the GLB files, in
+the package's own layout.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from pathlib import Path
 from vibraverse.contract.errors import Refused
 from vibraverse.contract.refusal import said
 
-#: The licence codes of Sketchfab, from which the models come -> SPDX identifiers.
+#: Licence code of Sketchfab, the origin of the models -> SPDX identifier.
 LICENCES = {
     "by": "CC-BY-4.0",
     "by-sa": "CC-BY-SA-4.0",
@@ -34,7 +34,7 @@ _TIMEOUT_S = 60
 
 @dataclass(frozen=True)
 class Model:
-    """A fetched model and what its author asks to be said."""
+    """A fetched model with its title, licence and attribution."""
 
     path: Path
     title: str
@@ -44,15 +44,15 @@ class Model:
 
 
 def fetch(uid: str, cache: str | Path) -> Model:
-    """Return the model ``uid``, from the cache folder or else from the network.
+    """Return the model ``uid`` from the cache folder, or else from the network.
 
-    Raises :class:`Refused` (``unavailable``) when the UID is unknown or the network does not answer.
+    Raises :class:`Refused` (``unavailable``) if the UID is unknown or the network does not respond.
     """
     folder = Path(cache).expanduser()
     package = _package(folder)
     try:
-        # The package reports progress on the standard output, which belongs to our caller.
-        with _alone(folder), contextlib.redirect_stdout(io.StringIO()):
+        # The package reports progress on standard output, which belongs to the caller.
+        with _locked(folder), contextlib.redirect_stdout(io.StringIO()):
             if uid not in package._load_object_paths():
                 raise Refused(
                     "unavailable",
@@ -64,7 +64,7 @@ def fetch(uid: str, cache: str | Path) -> Model:
     except (OSError, EOFError, ValueError, zlib.error) as error:
         raise Refused(
             "unavailable",
-            f"The Objaverse object {uid} is not wholly in the cache and could not be fetched ({said(error)}).",
+            f"The Objaverse object {uid} is not completely cached and could not be fetched ({said(error)}).",
             f"Connect to the network and repeat, or copy the model into the cache folder ({cache}); "
             "delete a damaged file there first.",
         ) from None
@@ -82,13 +82,13 @@ def fetch(uid: str, cache: str | Path) -> Model:
 
 
 @contextlib.contextmanager
-def _alone(folder: Path):
-    """Let one process at a time fetch into a cache, and none wait for ever for an answer."""
+def _locked(folder: Path):
+    """Hold the lock of a cache, so that one process at a time fetches, with a timeout on the network."""
     before = socket.getdefaulttimeout()
     socket.setdefaulttimeout(_TIMEOUT_S)
     try:
         with contextlib.ExitStack() as stack:
-            with contextlib.suppress(OSError):  # a cache that cannot be written to needs no lock
+            with contextlib.suppress(OSError):  # a read-only cache needs no lock
                 folder.mkdir(parents=True, exist_ok=True)
                 lock = stack.enter_context(open(folder / ".lock", "w"))
                 fcntl.flock(lock, fcntl.LOCK_EX)

@@ -1,7 +1,7 @@
-"""Mesh files in a file, a folder or a glob, and the ids of their objects.
+"""Search for mesh files by file, folder or glob, and the ids of their objects.
 
-An id depends on a file's path below the given folder and on nothing else, so that adding files changes no
-other id. The one exception: two paths that make the same id both get a short hash of their path.
+An id depends only on the file's path below the given folder, so adding files changes no other id. The one exception:
+if two paths give the same id, both get a short hash of their path.
 """
 
 from __future__ import annotations
@@ -16,19 +16,18 @@ from vibraverse.files.formats import is_mesh, names
 
 
 class NoMeshes(ValueError):
-    """Nothing to read where meshes were expected; the message is one sentence."""
+    """No meshes where some were expected; the message is one sentence, or a list of mistakes."""
 
 
 def find(path: str, results: str = "") -> dict[str, Path]:
     """Return the mesh files at ``path`` (a file, a folder with its subfolders, or a glob), by object id.
 
-    Hidden files and folders are left out, and so is the folder ``results`` where it lies below: what a run makes of
-    meshes would be the next run's meshes. Links to folders are followed, but not in circles and not by a
-    glob's ``**``. Sorted by id.
-    Raises :class:`NoMeshes` when there is nothing.
+    Hidden files and folders are skipped. So is the folder ``results`` if it lies below, because the products of a run
+    would be the meshes of the next. Links to folders are followed, but not in circles and not by a glob's ``**``. The
+    result is sorted by id. Raises :class:`NoMeshes` if no mesh is found.
     """
     given = Path(path).expanduser()
-    made = os.path.realpath(os.path.expanduser(results)) if results else ""
+    results_folder = os.path.realpath(os.path.expanduser(results)) if results else ""
     if given.is_file():
         if not is_mesh(given.name):
             raise NoMeshes(
@@ -37,13 +36,13 @@ def find(path: str, results: str = "") -> dict[str, Path]:
             )
         return identify([given], given.parent)
     if given.is_dir():
-        files = list(_walk(given, made))
+        files = list(_walk(given, results_folder))
         if not files:
             raise NoMeshes(f"the folder {path} holds no mesh files; put some there ({names()})")
         return identify(files, given)
     if glob.has_magic(str(given)):
         base = _fixed_part(given)
-        files = _matching(base, given, made)
+        files = _matches(base, given, results_folder)
         if not files:
             raise NoMeshes(f"{path} matches no mesh file; change the pattern, or put some there ({names()})")
         return identify(files, base)
@@ -53,14 +52,14 @@ def find(path: str, results: str = "") -> dict[str, Path]:
 
 
 def wrong_characters(path: str) -> str:
-    """Return what no path of a mesh may hold, as the end of a sentence; nothing for a usable path."""
-    if not path.isprintable():  # logs are lines of UTF-8
+    """Return the end of a sentence about invalid characters in a mesh's path, or an empty string."""
+    if not path.isprintable():  # logs must stay readable lines
         return "holds characters that cannot be printed"
     return "holds braces, which Snakemake takes for a wildcard" if "{" in path or "}" in path else ""
 
 
 def identify(files: list[Path], base: Path) -> dict[str, Path]:
-    """Return the files by id: the slug of their path below ``base``, joined by ``-``."""
+    """Return the files by id, the slug of their path below ``base`` with its parts joined by ``-``."""
     by_id: dict[str, list[tuple[str, Path]]] = defaultdict(list)
     for file in files:
         if wrong := wrong_characters(str(file)):
@@ -77,10 +76,10 @@ def identify(files: list[Path], base: Path) -> dict[str, Path]:
     return dict(sorted(ids.items()))
 
 
-def _walk(root: Path, made: str):
-    """Yield the mesh files below ``root``, each once, without those in the folder ``made``."""
+def _walk(root: Path, results_folder: str):
+    """Yield every mesh file below ``root`` once, except those in ``results_folder``."""
     top = os.path.realpath(root)
-    seen = {top, made}
+    seen = {top, results_folder}
     pending = [root]
     while pending:
         folder = pending.pop()
@@ -97,7 +96,8 @@ def _walk(root: Path, made: str):
                 continue
             if is_folder:
                 real = os.path.realpath(entry.path)
-                # A link to a folder inside the tree adds nothing: that folder is met under its own name, if not hidden.
+                # A link to a folder inside the tree adds nothing: the walk visits that folder anyway, unless it is
+                # hidden.
                 inside = os.path.commonpath([real, top]) == top
                 met = entry.is_symlink() and inside and not _is_hidden(os.path.relpath(real, top))
                 if real not in seen and not met:
@@ -107,8 +107,8 @@ def _walk(root: Path, made: str):
                 yield Path(entry.path)
 
 
-def _matching(base: Path, pattern: Path, made: str) -> list[Path]:
-    """Return the mesh files below ``base`` that a glob matches, without those in the folder ``made``.
+def _matches(base: Path, pattern: Path, results_folder: str) -> list[Path]:
+    """Return the mesh files below ``base`` that a glob matches, except those in ``results_folder``.
 
     ``**`` does not follow links.
     """
@@ -119,12 +119,12 @@ def _matching(base: Path, pattern: Path, made: str) -> list[Path]:
             f"{pattern} is not a valid glob: write '**', which means any folders, alone between slashes, as in **/*.obj"
         ) from None
     top = os.path.realpath(base)
-    below = made and made != top and _is_in(made, top)
+    below = results_folder and results_folder != top and _is_in(results_folder, top)
     return [
         path
         for path in found
         if is_mesh(path.name) and not _is_hidden(path.relative_to(base)) and path.is_file()
-        if not (below and _is_in(os.path.realpath(path), made))
+        if not (below and _is_in(os.path.realpath(path), results_folder))
     ]
 
 
@@ -133,7 +133,7 @@ def _is_in(path: str, folder: str) -> bool:
 
 
 def _is_hidden(relative: str | Path) -> bool:
-    """Return whether a file or folder, or one above it, is hidden; a walk meets none of these."""
+    """Return whether a file or folder, or one above it, is hidden; the walk visits none of these."""
     return any(part.startswith(".") for part in Path(relative).parts)
 
 

@@ -1,1 +1,1 @@
-"""The physics held against frequencies that others measured, or that can be computed without finite elements."""
+"""Validation of the physics against measured or published frequencies, and those computed without finite elements."""

@@ -1,6 +1,6 @@
-"""The bodies whose frequencies are known, and how finely each is meshed.
+"""Bodies with known frequencies, and the resolution of their meshes.
 
-Plain numbers, so that rules can name the bodies without loading anything.
+This module holds plain numbers, so rules can list the bodies without loading a library.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from typing import Literal
 
 @dataclass(frozen=True)
 class Body:
-    """A body of one material, its meshes, and how near to its frequencies they must come.
+    """A body of one material, its meshes, and the tolerances of its frequencies.
 
-    ``lengths_m``: the radius of a ball, the sides of a box, radius and height of a cylinder. ``wall`` hollows it as the
-    stage ``hollow`` does: the wall reaches that share of the way to the deepest point. ``elements`` are the numbers of
-    tetrahedra aimed at, for both orders; ``finer`` ones are for order 1 alone. ``tolerances`` bound the relative error
-    of every frequency on the finest mesh: by order, first as the elements give it, then corrected. They are about twice
-    what was measured; an order without them is shown, not judged.
+    ``lengths_m`` is the radius of a ball, the sides of a box, or radius and height of a cylinder. ``wall`` hollows the
+    body as the stage ``hollow`` does: the wall is that share of the depth of the deepest point. ``elements`` are the
+    target numbers of tetrahedra for both orders, ``finer`` those for order 1 alone. ``tolerances`` bound the relative
+    error of every frequency on the finest mesh, by order: first uncorrected, then corrected. They are about twice the
+    measured errors. An order without tolerances is shown, not judged.
     """
 
     name: str
@@ -32,11 +32,11 @@ class Body:
     elements: tuple[int, ...] = (300, 1000, 3000)
     finer: tuple[int, ...] = (9000,)
     modes: int = field(default=30)
-    """How many frequencies are compared; balls compare all multiplets up to ``limit``, in ω a / c_s."""
+    """Number of frequencies compared; balls compare all multiplets up to ``limit``, in ω a / c_s."""
     limit: float = 0.0
 
     def material(self, poisson: float) -> dict:
-        """Return the material as :func:`vibraverse.physics.modes.solve_material` takes it, without damping."""
+        """Return the undamped material for :func:`vibraverse.physics.modes.solve_material`."""
         return {
             "young_pa": self.young_pa,
             "density_kg_m3": self.density_kg_m3,

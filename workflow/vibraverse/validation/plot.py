@@ -1,4 +1,4 @@
-"""Errors against unknowns, a panel for each body, as SVG that follows the colours of the page it stands in."""
+"""Plot of errors against unknowns, one panel per body, as SVG that follows the colours of its page."""
 
 from __future__ import annotations
 
@@ -6,20 +6,21 @@ import io
 import math
 import re
 
-#: Order -> the page's variable for its colour, the colour elsewhere, and the marker.
+#: Order -> the page's colour variable, the default colour, and the marker.
 _STYLES = {"P1": ("--hollow", "#c2611c", "s"), "P2": ("--solid", "#0f7173", "o")}
-_INK, _LINE = ("--soft", "#63656f"), ("--line", "#e5e3dd")
-_ACROSS = 4
+_TEXT_COLOUR, _LINE_COLOUR = ("--soft", "#63656f"), ("--line", "#e5e3dd")
+_MAX_COLUMNS = 4
 
 
-#: What matplotlib adds: facts about the file, and a rule of style that would hold for a whole page.
-_ADDED = re.compile(r"<metadata>.*?</metadata>|<style .*?</style>", re.DOTALL)
+#: Additions by matplotlib: metadata, and a style rule that would apply to the whole page.
+_MATPLOTLIB_EXTRAS = re.compile(r"<metadata>.*?</metadata>|<style .*?</style>", re.DOTALL)
 
 
 def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
-    """Return the plot of ``bodies``: of each ``title`` and :func:`~vibraverse.validation.table.convergence`.
+    """Return the plot of ``bodies`` as SVG.
 
-    Inside HTML it names no namespaces, which there go without saying.
+    Each body has a ``title`` and a ``convergence`` as of :func:`~vibraverse.validation.table.convergence`. With
+    ``inside_html`` the namespaces are left out, which HTML does not need.
     """
     import matplotlib
     from matplotlib.figure import Figure
@@ -29,14 +30,14 @@ def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
         "svg.fonttype": "none",
         "svg.hashsalt": "validation",
         "font.size": 9,
-        "axes.edgecolor": _LINE[1],
-        "text.color": _INK[1],
-        "xtick.color": _INK[1],
-        "ytick.color": _INK[1],
-        "axes.labelcolor": _INK[1],
+        "axes.edgecolor": _LINE_COLOUR[1],
+        "text.color": _TEXT_COLOUR[1],
+        "xtick.color": _TEXT_COLOUR[1],
+        "ytick.color": _TEXT_COLOUR[1],
+        "axes.labelcolor": _TEXT_COLOUR[1],
     }
     with matplotlib.rc_context(settings):
-        across = min(_ACROSS, len(bodies))
+        across = min(_MAX_COLUMNS, len(bodies))
         down = math.ceil(len(bodies) / across)
         figure = Figure(figsize=(2.9 * across, 2.6 * down), layout="constrained")
         figure.patch.set_alpha(0.0)
@@ -67,7 +68,7 @@ def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
                         color=colour,
                     )
             panel.margins(x=0.22)
-            panel.grid(color=_LINE[1], lw=0.6)
+            panel.grid(color=_LINE_COLOUR[1], lw=0.6)
             panel.spines[["top", "right"]].set_visible(False)
             panel.yaxis.set_major_locator(LogLocator(numticks=6))
             for axis in (panel.xaxis, panel.yaxis):
@@ -85,7 +86,7 @@ def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
         file = io.StringIO()
         figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
     text = file.getvalue()
-    for variable, colour in (*(style[:2] for style in _STYLES.values()), _INK, _LINE):
+    for variable, colour in (*(style[:2] for style in _STYLES.values()), _TEXT_COLOUR, _LINE_COLOUR):
         text = text.replace(f": {colour}", f": var({variable}, {colour})")
-    text = _ADDED.sub("", text[text.index("<svg") :])
+    text = _MATPLOTLIB_EXTRAS.sub("", text[text.index("<svg") :])
     return re.sub(r' xmlns(:xlink)?="[^"]*"', "", text) if inside_html else text

@@ -1,4 +1,4 @@
-"""What each body's frequencies must be, with source: computed without finite elements, measured, or published."""
+"""Reference frequencies of each body with their source: computed without finite elements, measured, or published."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from vibraverse.physics.materials import lame
 from vibraverse.validation import spectra
 from vibraverse.validation.bodies import Body
 
-#: Equal frequencies agree to this.
-_EQUAL = 1e-6
-#: Polynomial degrees by axis: higher ones change the frequencies of the compact bodies and of the bar by 2e-5 at most,
-#: those of the plate by 3e-4.
+#: Relative tolerance within which frequencies belong to one multiplet.
+_MULTIPLET_TOLERANCE = 1e-6
+#: Polynomial degrees by axis. Higher ones change the frequencies of the compact bodies and of the bar by at most 2e-5,
+#: those of the plate by at most 3e-4.
 _DEGREES = {
     "cube": (14,) * 3,
     "block": (14,) * 3,
@@ -28,14 +28,14 @@ _RITZ = "Ritz's method with polynomials (Demarest 1971; Visscher et al. 1991)"
 
 @dataclass(frozen=True)
 class Published:
-    """Frequencies from the literature in Hz, ascending from the first, and how far to trust them."""
+    """Frequencies from the literature in Hz, ascending from the first, with their relative tolerance."""
 
     source: str
     hz: tuple[float, ...]
     tolerance: float
 
 
-#: The block was measured by resonant ultrasound; NAFEMS gives what a thin plate's theory says, up to 1.2 % too high.
+#: The block was measured by resonant ultrasound. NAFEMS gives thin-plate theory, which is up to 1.2 % too high.
 PUBLISHED = {
     "block": Published(
         "measured: Ogi et al., J. Acoust. Soc. Am. 112, 2553 (2002)",
@@ -55,10 +55,10 @@ PUBLISHED = {
 
 @dataclass(frozen=True)
 class Reference:
-    """One frequency of a body: ``count`` equal ones from number ``first`` (0 is the lowest elastic one) on.
+    """A reference frequency of a body: ``count`` equal ones from number ``first`` on (0 is the lowest elastic one).
 
-    ``tolerance`` is the relative error accepted of order 2 on the finest mesh, where it is not the body's own.
-    Published frequencies are as good as their source, so that the finest elements are held against them alone.
+    ``tolerance`` is the relative error accepted for order 2 on the finest mesh; None means that of the body. Published
+    frequencies are only as good as their source, so they are compared with elements of order 2 alone.
     """
 
     mode: str
@@ -72,7 +72,7 @@ class Reference:
 
 
 def references(body: Body, poisson: float) -> list[Reference]:
-    """Return a body's frequencies, the computed ones ascending and complete, then those published."""
+    """Return the reference frequencies of a body: all computed ones, ascending, then the published ones."""
     lines = _multiplets(body, poisson) if body.kind == "ball" else _ritz(body, poisson)
     known = PUBLISHED.get(body.name)
     if known:
@@ -101,7 +101,7 @@ def _ritz(body: Body, poisson: float) -> list[Reference]:
     else:
         omega = spectra.box(body.lengths_m, degrees, poisson, body.modes)
     hz = omega * np.sqrt(body.young_pa / body.density_kg_m3) / (2 * np.pi)
-    starts = [0, *(np.flatnonzero(np.diff(hz) > _EQUAL * hz[1:]) + 1), len(hz)]
+    starts = [0, *(np.flatnonzero(np.diff(hz) > _MULTIPLET_TOLERANCE * hz[1:]) + 1), len(hz)]
     return [
         Reference(_numbers(a, b), poisson, int(a), int(b - a), float(hz[a:b].mean()), _RITZ)
         for a, b in pairwise(starts)

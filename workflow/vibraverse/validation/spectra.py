@@ -1,10 +1,10 @@
-"""Frequencies of free elastic bodies without finite elements: what the solver is held against.
+"""Frequencies of free elastic bodies without finite elements, as references for the solver.
 
 Balls and spherical shells have characteristic equations in spherical Bessel functions (H. Lamb, Proc. London Math.
 Soc. s1-13, 189, 1881; A. C. Eringen and E. S. Şuhubi, Elastodynamics II, 1975, ch. 8). Other simple bodies are solved
-by Ritz's method with polynomials over the whole of the body (H. H. Demarest, J. Acoust. Soc. Am. 49, 768, 1971; W. M.
-Visscher et al., J. Acoust. Soc. Am. 90, 2154, 1991), which converges faster than any power of the degree where the
-modes are smooth. Nothing is shared with the finite elements but Lamé's two numbers.
+by Ritz's method with polynomials over the whole body (H. H. Demarest, J. Acoust. Soc. Am. 49, 768, 1971; W. M.
+Visscher et al., J. Acoust. Soc. Am. 90, 2154, 1991). It converges faster than any power of the degree for smooth modes.
+Only Lamé's parameters are shared with the finite elements.
 """
 
 from __future__ import annotations
@@ -17,8 +17,8 @@ import numpy as np
 
 from vibraverse.physics.materials import lame
 
-#: Steps of ω a / c_s in which a determinant is searched for changes of sign.
-_STEP = 2e-3
+#: Steps of ω a / c_s in which a determinant is scanned for changes of sign.
+_SCAN_STEP = 2e-3
 #: Points and their weights (Q,).
 Quadrature = tuple[np.ndarray, np.ndarray]
 
@@ -26,11 +26,12 @@ Quadrature = tuple[np.ndarray, np.ndarray]
 def spherical(poisson: float, limit: float, cavity: float = 0.0) -> dict[str, float]:
     """Return ``ω a / c_s`` of a free ball of radius a, or of the shell left by a cavity of radius ``cavity * a``.
 
-    All multiplets up to ``limit``, ascending, by name: ``T2`` is the first toroidal one of degree 2, ``S0'`` the second
-    spheroidal one of degree 0. A degree n stands for 2n + 1 equal frequencies. ``c_s`` is the speed of shear waves.
+    These are all multiplets up to ``limit``, ascending, by name: ``T2`` is the first toroidal one of degree 2, ``S0'``
+    the second spheroidal one of degree 0. A multiplet of degree n has 2n + 1 equal frequencies. ``c_s`` is the speed of
+    shear waves.
     """
     radii = np.array([1.0, cavity] if cavity else [1.0])
-    slowness = np.sqrt((1 - 2 * poisson) / (2 - 2 * poisson))  # of pressure waves, in that of shear waves
+    slowness = np.sqrt((1 - 2 * poisson) / (2 - 2 * poisson))  # of pressure waves relative to shear waves
     found, degree = {}, 0
     while degree <= 2 or any(name[1:].startswith(str(degree - 1)) for name in found):
         kinds = {"S": partial(_spheroidal, degree, radii, slowness)}
@@ -39,19 +40,19 @@ def spherical(poisson: float, limit: float, cavity: float = 0.0) -> dict[str, fl
         for kind, tractions in kinds.items():
             for overtone, root in enumerate(_roots(tractions, limit)):
                 found[f"{kind}{degree}" + "'" * overtone] = root
-        degree += 1  # from 2 on the lowest frequency rises with the degree
+        degree += 1  # the lowest frequency rises with the degree from 2 on
     return dict(sorted(found.items(), key=lambda item: item[1]))
 
 
 def _roots(tractions: Callable[[np.ndarray], np.ndarray], limit: float) -> list[float]:
-    """Return where the boundary's tractions, matrices for every ω a / c_s, can vanish together."""
+    """Return the ω a / c_s at which the matrix of boundary tractions is singular."""
     from scipy.optimize import brentq
 
     def determinant(eta):
         matrices = tractions(np.atleast_1d(eta))
         return np.linalg.det(matrices / np.abs(matrices).max(axis=1, keepdims=True))
 
-    grid = np.append(np.arange(_STEP, limit, _STEP), limit)
+    grid = np.append(np.arange(_SCAN_STEP, limit, _SCAN_STEP), limit)
     signs = np.sign(determinant(grid))
     return [
         brentq(lambda eta: determinant(eta)[0], grid[i], grid[i + 1], xtol=1e-13)
@@ -60,7 +61,7 @@ def _roots(tractions: Callable[[np.ndarray], np.ndarray], limit: float) -> list[
 
 
 def _waves(n: int, x: np.ndarray, cavity: bool) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return ``z_n(x)`` and ``x z_{n+1}(x)`` of every wave; those singular at the centre need a cavity."""
+    """Return ``z_n(x)`` and ``x z_{n+1}(x)`` of every wave; those singular at the centre exist only with a cavity."""
     from scipy.special import spherical_jn, spherical_yn
 
     return [(z(n, x), x * z(n + 1, x)) for z in ([spherical_jn, spherical_yn] if cavity else [spherical_jn])]
@@ -75,7 +76,7 @@ def _toroidal(n: int, radii: np.ndarray, eta: np.ndarray) -> np.ndarray:
 def _spheroidal(n: int, radii: np.ndarray, slowness: float, eta: np.ndarray) -> np.ndarray:
     """Return the tractions of pressure and shear waves (columns), radial and tangential at every radius (rows).
 
-    In degree 0 there is neither a shear wave nor a tangential traction.
+    Degree 0 has neither a shear wave nor a tangential traction.
     """
     rows = []
     for radius in radii:
@@ -96,11 +97,11 @@ def _spheroidal(n: int, radii: np.ndarray, slowness: float, eta: np.ndarray) -> 
 def ritz(
     inside: Quadrature, half_sides, degrees: tuple[int, int, int], poisson: float, modes: int
 ) -> np.ndarray:
-    """Return the lowest ω (modes,) of a free body for E = ρ = 1, from polynomials over the whole body, from above.
+    """Return the lowest ω (modes,) of a free body for E = ρ = 1 by Ritz's method, as upper bounds.
 
-    The polynomials are those products of Legendre's with ``Σ k_a / degrees_a <= 1``; ``inside`` integrates their
-    squares over the octant of positive coordinates. The body fits into the box of ``half_sides`` about the origin and
-    is its own mirror image in the three coordinate planes, so that the problem falls into eight.
+    The polynomials are the products of Legendre polynomials with ``Σ k_a / degrees_a <= 1``. ``inside`` integrates
+    products of two over the octant of positive coordinates. The body fits into the box of ``half_sides`` about the
+    origin and is symmetric in the three coordinate planes, so the problem splits into eight.
     """
     import scipy.linalg
 
@@ -111,7 +112,7 @@ def ritz(
     lam, mu = lame(1.0, poisson)
     squares = []
     for mirror in product((0, 1), repeat=3):
-        # Component a is odd along axis a where the others are even.
+        # Component a is odd along axis a if the others are even.
         chosen = [
             powers[(powers % 2 == np.array(mirror) ^ (np.arange(3) == a)).all(axis=1)] for a in range(3)
         ]
@@ -143,7 +144,7 @@ def _products(tables, powers: np.ndarray, half_sides, derived: int | None = None
 
 
 def _legendre(x: np.ndarray, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return Legendre's polynomials up to a degree at ``x`` (Q,) and their derivatives, both (Q, degree + 1)."""
+    """Return Legendre polynomials up to a degree at ``x`` (Q,), and their derivatives, both (Q, degree + 1)."""
     from numpy.polynomial import legendre
 
     derived = legendre.legder(np.eye(degree + 1))
@@ -161,7 +162,7 @@ def box(sides, degrees: tuple[int, int, int], poisson: float, modes: int) -> np.
 
 def cylinder(radius: float, height: float, degree: int, poisson: float, modes: int) -> np.ndarray:
     """Return ω (modes,) of a free cylinder for E = ρ = 1, by :func:`ritz`."""
-    t, w = _gauss(degree + 1)  # of the squared radius and of z; equal angles are exact for the angle
+    t, w = _gauss(degree + 1)  # for the squared radius and for z; equally spaced angles are exact
     angles = (np.arange(degree + 1) + 0.5) * np.pi / (2 * degree + 2)
     r, angle, z = (x.ravel() for x in np.meshgrid(np.sqrt(t), angles, t, indexing="ij"))
     points = np.stack([radius * r * np.cos(angle), radius * r * np.sin(angle), height / 2 * z], axis=1)
@@ -171,6 +172,6 @@ def cylinder(radius: float, height: float, degree: int, poisson: float, modes: i
 
 
 def _gauss(count: int) -> Quadrature:
-    """Return Gauss's points and weights of [0, 1], exact to the degree ``2 count - 1``."""
+    """Return Gauss points and weights on [0, 1], exact to the degree ``2 count - 1``."""
     x, w = np.polynomial.legendre.leggauss(count)
     return (1 + x) / 2, w / 2

@@ -1,4 +1,4 @@
-"""A body solved at every mesh and order, by the path every object takes, and compared with what is known."""
+"""Convergence study of a body: solved on every mesh in every order, like any object, and compared with references."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ ORDERS = (1, 2)
 def study(body: Body, meshes: list[tuple[np.ndarray, np.ndarray]], scale_m: float) -> list[dict]:
     """Return the rows of the table for one body; ``meshes`` are points and cells, coarse to fine.
 
-    One basis serves every Poisson's ratio, as it serves every material of an object. Frequencies are compared as the
-    elements give them and corrected (:mod:`vibraverse.physics.enrichment`).
+    One basis serves every Poisson's ratio, as it serves every material of an object. Uncorrected and corrected
+    frequencies (:mod:`vibraverse.physics.enrichment`) are both compared.
     """
     wanted = {poisson: references(body, poisson) for poisson in body.poissons}
     modes = max(line.first + line.count for lines in wanted.values() for line in lines)
@@ -53,16 +53,16 @@ def study(body: Body, meshes: list[tuple[np.ndarray, np.ndarray]], scale_m: floa
 
 
 def _tolerance(body: Body, line: Reference, order: int, corrected: bool) -> float | None:
-    """Return the error accepted on the finest mesh, None where it is not judged."""
+    """Return the error accepted on the finest mesh, or None if it is not judged."""
     if line.published:
         return line.tolerance if order == 2 else None
     return body.tolerances[order][corrected] if order in body.tolerances else None
 
 
 def compare(line: Reference, hz: np.ndarray, tolerance: float | None) -> dict:
-    """Return what a reference and the computed frequencies (m,) have to do with each other.
+    """Return a row that compares a reference with the computed frequencies (m,).
 
-    Of equal frequencies the one farthest off speaks for all. Without ``tolerance`` nothing is judged.
+    The worst of equal frequencies represents all. Without a ``tolerance`` the row is shown, not judged.
     """
     found = hz[line.first : line.first + line.count]
     errors = found / line.hz - 1.0

@@ -1,4 +1,4 @@
-"""The table of all comparisons, how fast errors fall, and what is missed."""
+"""The table of all comparisons, the orders of convergence, and the tolerances missed."""
 
 from __future__ import annotations
 
@@ -8,36 +8,36 @@ import numpy as np
 COLUMNS: dict[str, tuple[type, str]] = {
     "body": (str, "name of the body"),
     "mode": (str, "multiplet of a ball, or numbers of the elastic modes"),
-    "equal": (int, "how many frequencies are equal to it; the one farthest off is shown"),
+    "equal": (int, "number of equal frequencies; the worst is shown"),
     "poisson": (float, "Poisson's ratio"),
-    "reference_hz": (float, "what it must be"),
-    "computed_hz": (float, "what it is"),
-    "relative_error": (float, "computed over reference, less 1"),
+    "reference_hz": (float, "reference frequency"),
+    "computed_hz": (float, "computed frequency"),
+    "relative_error": (float, "computed over reference, minus 1"),
     "order": (int, "order of the elements"),
-    "corrected": (str, "yes where the elements' own error was estimated and taken out"),
+    "corrected": (str, "yes if the discretisation error was estimated and removed"),
     "tetrahedra": (int, "elements of the mesh"),
     "unknowns": (int, "unknowns of the eigenproblem"),
-    "tolerance": (float, "largest error accepted; nan where it is shown only"),
+    "tolerance": (float, "largest error accepted; nan if only shown"),
     "verdict": (str, "met, missed, or shown"),
-    "source": (str, "where the reference comes from"),
+    "source": (str, "source of the reference"),
 }
 
 
 def tsv_rows(rows: list[dict]) -> list[dict]:
-    """Return rows as :func:`vibraverse.dataset.schema.tables.to_tsv` takes them: NaN for a missing tolerance."""
+    """Return rows for :func:`vibraverse.dataset.schema.tables.to_tsv`, with NaN for a missing tolerance."""
     return [{**row, "tolerance": np.nan if row["tolerance"] is None else row["tolerance"]} for row in rows]
 
 
 def elements(row: dict) -> str:
-    """Return what the elements of a row or summary are called."""
+    """Return the name of the elements of a row or a summary: ``P2 corrected``."""
     return f"P{row['order']}" + (" corrected" if row["corrected"] == "yes" else "")
 
 
 def convergence(rows: list[dict]) -> dict[str, dict]:
-    """Return, for each kind of elements of one body's rows, unknowns, errors and the power with which errors fall.
+    """Return unknowns, errors and the slope of convergence for each kind of elements in one body's rows.
 
-    The error of a mesh is the root of the mean square over all computed references. In theory a frequency's error goes
-    like the element's size to twice the order, which is unknowns to the power -2/3 and -4/3.
+    The error of a mesh is the root mean square over all computed references. In theory the error of a frequency is
+    proportional to the element size to the power of twice the order, that is, unknowns to the power -2/3 or -4/3.
     """
     found: dict[str, dict] = {}
     for kind in dict.fromkeys(elements(row) for row in rows):
@@ -53,7 +53,7 @@ def convergence(rows: list[dict]) -> dict[str, dict]:
 
 
 def summary(rows: list[dict]) -> list[dict]:
-    """Return how many of one body's rows are judged, and the worst of them, for each kind of elements and source."""
+    """Return the judged rows of one body and the worst of them, for each kind of elements and each source."""
     groups: dict[tuple, list[dict]] = {}
     for row in rows:
         if row["tolerance"] is not None:
@@ -73,7 +73,7 @@ def summary(rows: list[dict]) -> list[dict]:
 
 
 def missed(rows: list[dict]) -> list[str]:
-    """Return a sentence for every tolerance that is missed."""
+    """Return a sentence for every missed tolerance."""
     return [
         f"{row['body']}, mode {row['mode']}, Poisson's ratio {row['poisson']:.3g}, {elements(row)}: "
         f"{row['computed_hz']:,.2f} Hz instead of {row['reference_hz']:,.2f} Hz is off by "

@@ -1,7 +1,7 @@
-"""Mesh formats: a module each, which registers itself by the ``FORMAT`` that it defines.
+"""Mesh formats: one module each, registered by the ``FORMAT`` that it defines.
 
-To add a format, add a module here; extensions, messages and help derive from it. Snakemake lists the formats each time
-it starts, so a module here loads no numerical library until its ``read`` is called. What several of them need is in
+To add a format, add a module here; extensions, messages and help follow from it. Snakemake lists the formats every time
+it starts, so a module here loads no numerical library until its ``read`` is called. Shared code is in
 :mod:`vibraverse.files.reading`.
 """
 
@@ -23,11 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MeshData:
-    """Triangles as a file states them.
+    """The triangles in a file.
 
-    ``vertices`` (V, 3) float64 in the file's units, ``faces`` (F, 3) int64, ``unit_m`` metres per unit where
-    the format states it (glTF is in metres, 3MF names its unit) and None elsewhere, ``parts`` how many meshes
-    were joined.
+    ``vertices`` (V, 3) float64 are in the file's units, ``faces`` (F, 3) are int64. ``unit_m`` is metres per unit if
+    the format states it (glTF is in metres, 3MF names its unit), else None. ``parts`` is the number of joined meshes.
     """
 
     vertices: np.ndarray
@@ -38,26 +37,26 @@ class MeshData:
 
 @dataclass(frozen=True)
 class Format:
-    """A mesh format: what it is called and how it is read."""
+    """A mesh format: its name, its extensions and its reader."""
 
     name: str
-    """As sentences say it: ``OBJ``."""
+    """Name in sentences: ``OBJ``."""
     extensions: tuple[str, ...]
-    """In lower case with their dot; the first, without it, is the format's key in records."""
+    """Extensions in lower case with their dot; the first one, without its dot, is the key."""
     read: Callable[[BinaryIO, Bounds], MeshData]
-    """Reads an open file. Raises ``ValueError`` or :class:`vibraverse.files.reading.bounds.TooLarge` with a text that
-    completes "the file could not be read: …" or "the file …", and nothing else whatever the bytes are."""
+    """Reader of an open file. Whatever the bytes, it raises only ``ValueError``, whose text completes "the file could
+    not be read: …", or :class:`vibraverse.files.reading.bounds.TooLarge`, whose text completes "the file …"."""
     unit_m: Callable[[BinaryIO], float | None] | None = None
-    """Returns the metres per unit that a file states, None for a damaged one. None where the format states no unit."""
+    """Reader of the metres per unit in a file, None for a damaged file. None if the format states no unit."""
     pack: Callable[[bytes, Path], bytes] | None = None
-    """Returns one file that holds a file's bytes and its neighbours in a folder, which is what ``read`` reads then.
-    Raises as ``read`` does, and ``OSError``. None where files stand alone."""
+    """Packer of a file's bytes and its neighbours in a folder into one file for ``read``. Raises as ``read`` does, or
+    ``OSError``. None if files of the format stand alone."""
     packed: str = ""
     """Key of the format that ``pack`` makes."""
 
     @property
     def key(self) -> str:
-        """What records and options call the format: ``obj``."""
+        """Key of the format in records and options: ``obj``."""
         return self.extensions[0].removeprefix(".")
 
 
@@ -77,16 +76,16 @@ def _by_extension() -> dict[str, Format]:
 
 
 def of_file(name: str | Path) -> Format | None:
-    """Return the format that a file's extension tells, None for an unknown one."""
+    """Return the format of a file by its extension, or None."""
     return _by_extension().get(Path(name).suffix.lower())
 
 
 def is_mesh(name: str) -> bool:
-    """Return whether a file's name says that it is a mesh."""
+    """Return whether the name of a file is that of a mesh."""
     return not name.startswith(".") and of_file(name) is not None
 
 
 def names(last: str = ", ") -> str:
-    """Return the formats' names in a row, for a sentence; ``last`` stands before the last of them."""
+    """Return the names of the formats for a sentence; ``last`` stands before the last name."""
     *most, end = (format.name for format in known().values())
     return ", ".join(most) + last + end

@@ -13,7 +13,7 @@ _MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
 
 
 def read(file: BinaryIO, bounds: Bounds) -> MeshData:
-    """Return the triangles of a GLB, in metres, each part where its node puts it."""
+    """Return the triangles of a GLB in metres, with the parts placed by their nodes."""
     from vibraverse.files.reading.scene import joined
 
     document, binary = _chunks(file)
@@ -22,7 +22,7 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
 
 
 def check_version(document: Fields) -> None:
-    """Raise ``ValueError`` for glTF 1.0, whose lists are objects."""
+    """Raise ``ValueError`` for glTF 1.0, which has objects in place of lists."""
     version = str(document.fields("asset").value.get("version")) if "asset" in document else ""
     if version.startswith("1."):
         raise ValueError(f"it is glTF version {version:.8}, and only version 2 is read")
@@ -55,7 +55,7 @@ def _chunks(file: BinaryIO) -> tuple[Fields, bytes]:
 
 
 def glb_bytes(text: bytes, binary: bytes) -> bytes:
-    """Return the GLB of a JSON text and a binary chunk."""
+    """Return a GLB with a JSON text and a binary chunk."""
     text += b" " * (-len(text) % 4)
     binary += b"\0" * (-len(binary) % 4)
     body = struct.pack("<I4s", len(text), _JSON) + text + struct.pack("<I4s", len(binary), _BIN) + binary

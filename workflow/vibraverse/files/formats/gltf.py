@@ -1,7 +1,7 @@
-"""glTF: a JSON document with buffers in files beside it, which is packed into one GLB.
+"""glTF 2.0: a JSON document with buffers in files beside it, packed into one GLB.
 
-All buffers are appended to the GLB's binary chunk and the buffer views into them move along; images become buffer
-views too.
+All buffers are appended to the binary chunk of the GLB, and the offsets of their buffer views are adjusted. Images
+become buffer views too.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ _IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"
 def pack(data: bytes, folder: Path) -> bytes:
     """Return the GLB that holds the glTF JSON ``data`` and the files it refers to, relative to ``folder``.
 
-    An image that is not there is dropped, because geometry does not need it. Raises ``ValueError`` when
-    ``data`` is not glTF 2.0, :class:`TooLarge`, and ``OSError`` when a buffer is missing.
+    A missing image becomes empty, because geometry does not need it. Raises ``ValueError`` if ``data`` is not glTF 2.0,
+    ``OSError`` if a buffer is missing, and :class:`TooLarge`.
     """
     document = parse(data)
     if "asset" not in document:
@@ -67,7 +67,7 @@ def _fetch(uri: str, folder: Path) -> bytes:
     if path.is_absolute() or ".." in path.parts or "://" in uri:
         raise ValueError(f"it refers to {uri[:60]!r}, which does not lie beside it")
     neighbour = folder / path
-    if not os.path.isfile(neighbour):  # a name that the system cannot have is none, too
+    if not os.path.isfile(neighbour):  # also false for names that the system does not allow
         raise FileNotFoundError(f"its buffer {uri[:60]} is missing")
     if neighbour.stat().st_size > MAX_BYTES:
         raise TooLarge(f"refers to {uri[:60]}, a file of more than {MAX_BYTES >> 20} MB")

@@ -1,4 +1,4 @@
-"""OBJ: positions and the corners of faces; indices count from 1, negative ones backwards from the latest vertex."""
+"""OBJ: positions, and corners of faces; indices start at 1, and negative ones count back from the last vertex."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from vibraverse.files.reading.lines import invalid, joined, lines
 
 
 def read(file: BinaryIO, bounds: Bounds) -> MeshData:
-    """Return the triangles of an OBJ file; faces of fewer than three corners are not kept."""
+    """Return the triangles of an OBJ file; faces with fewer than three corners are dropped."""
     from vibraverse.files.reading.polygons import Points, Polygons, triangulate
 
     points, polygons = Points(bounds), Polygons(bounds)

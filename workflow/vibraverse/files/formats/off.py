@@ -1,4 +1,4 @@
-"""OFF: a keyword, the numbers of vertices and faces, and a line for each; indices count from 0."""
+"""OFF: a keyword, the numbers of vertices and faces, and a line for each; indices start at 0."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from vibraverse.files.reading.lines import invalid, rows
 
 
 def read(file: BinaryIO, bounds: Bounds) -> MeshData:
-    """Return the triangles of a text OFF file, with or without normals, colours, comments.
+    """Return the triangles of a text OFF file, with or without normals, colours and comments.
 
-    Some collections write the counts right behind the keyword.
+    Some collections write the counts on the line of the keyword.
     """
     from vibraverse.files.reading.polygons import Points, Polygons, triangulate
 
     found = rows(file)
     count, faces = _counts(found)
     start = file.tell()
-    if 2 * (count + faces) > file.seek(0, 2):  # a line takes two bytes
+    if 2 * (count + faces) > file.seek(0, 2):  # a line takes at least two bytes
         raise ValueError(f"it announces {count} vertices and {faces} faces and is too short for them")
     file.seek(start)
     bounds.check(vertices=count, triangles=faces)
@@ -48,7 +48,7 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
 
 
 def _counts(found) -> tuple[int, int]:
-    """Return how many vertices and faces the first rows announce."""
+    """Return the numbers of vertices and faces that the first rows announce."""
     number, first = next(found, (1, b""))
     keyword = re.match(rb"(ST)?(C)?(N)?OFF", first)
     if keyword is None:

@@ -1,7 +1,7 @@
-"""PLY, text and binary of either byte order: the positions of vertices and the corners of faces.
+"""PLY, text or binary in either byte order: the positions of vertices and the corners of faces.
 
-A header names elements with their number and properties; rows follow, element by element. A text is first turned into
-a binary file whose every number is a double; from there both are read alike.
+The header lists elements with their number of rows and their properties; the rows follow, element by element. A text is
+first converted to a binary file of doubles, so both kinds share one reader.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ _TYPES = {
 _ORDERS = {b"binary_little_endian": "<", b"binary_big_endian": ">", b"ascii": ""}
 _MAX_HEADER = 1 << 16
 
-#: Numbers that a text may hold for each triangle allowed: three vertices of ten properties would need thirty.
+#: Limit on the numbers in a text per allowed triangle; three vertices with ten properties would need thirty.
 _NUMBERS_PER_TRIANGLE = 32
 
 
 @dataclass(frozen=True)
 class Property:
-    """One property: its type and, where it is a list, that of its count; codes of ``struct``."""
+    """A property: its type and, if it is a list, the type of its count, as codes of ``struct``."""
 
     name: str
     type: str
@@ -38,7 +38,7 @@ class Property:
 
 @dataclass
 class Element:
-    """One element of a header: its name, how many rows it has and what is in each."""
+    """An element of a header: its name, its number of rows and its properties."""
 
     name: str
     length: int
@@ -79,7 +79,7 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
 
 
 def _header(file: BinaryIO) -> tuple[str, list[Element]]:
-    """Return the byte order ("" for text) and the elements; the file stands behind the header afterwards."""
+    """Return the byte order ("" for text) and the elements, and leave the file at the end of the header."""
     head = file.read(_MAX_HEADER)
     if not head.startswith(b"ply"):
         raise ValueError("it does not begin with ply")
@@ -111,7 +111,7 @@ def _header(file: BinaryIO) -> tuple[str, list[Element]]:
 
 
 def _check_length(file: BinaryIO, order: str, elements: list[Element]) -> None:
-    """Raise ``ValueError`` if the file is too short for what its header announces, whatever its lists hold."""
+    """Raise ``ValueError`` if the file is shorter than its header implies, even with empty lists."""
     start = file.tell()
     left = file.seek(0, 2) - start
     file.seek(start)

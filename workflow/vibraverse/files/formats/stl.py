@@ -1,4 +1,4 @@
-"""STL, binary and text. A binary file is 80 bytes of anything, the number of triangles, and 50 bytes for each."""
+"""STL, binary or text. A binary file has 80 arbitrary bytes, the number of triangles, and 50 bytes for each."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ _HEADER, _TRIANGLE = 84, 50
 
 
 def read(file: BinaryIO, bounds: Bounds) -> MeshData:
-    """Return the triangles of an STL file; no vertex is shared, as the format has it."""
+    """Return the triangles of an STL file; as in the format, they share no vertices."""
     import numpy as np
 
     head = file.read(1024)
@@ -21,7 +21,7 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
     file.seek(0)
     count = struct.unpack_from("<I", head, 80)[0] if len(head) >= _HEADER else None
     needed = None if count is None else _HEADER + _TRIANGLE * count
-    # Binary headers may begin with "solid" as well; texts hold no zero bytes.
+    # Binary headers may start with "solid" too, but texts have no zero bytes.
     if head.lstrip()[:5].lower() == b"solid" and size != needed and b"\0" not in head:
         vertices = _text(file, bounds)
     elif needed is None:
@@ -40,7 +40,7 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
 
 
 def _text(file: BinaryIO, bounds: Bounds):
-    """Return the vertices (3F, 3) of a text."""
+    """Return the vertices (3F, 3) of a text file."""
     from vibraverse.files.reading.polygons import Points
 
     points = Points(bounds)

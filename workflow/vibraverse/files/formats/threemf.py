@@ -1,8 +1,8 @@
-"""3MF packages to arrays: meshes, components and build items with their transforms.
+"""3MF packages: meshes, components and build items with their transforms.
 
-Implements the geometry of the 3MF core specification 1.3 and the ``path`` attribute of its production
-extension, which slicers use to keep each object in a file of its own. The XML is read as a stream, so a small package
-that unpacks into a huge one costs no memory.
+This module implements the geometry of the 3MF core specification 1.3 and the ``path`` attribute of its production
+extension, by which slicers keep each object in a separate file. The XML is parsed as a stream, so a small package that
+unpacks to a huge one costs no memory.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ UNITS_M = {
 }
 
 _MAX_DEPTH = 32
-_CHUNK = 1 << 20
-_MAX_SILENT = 1 << 24
-#: A transform that leaves everything in its place: three rows of a matrix and the shift.
+_CHUNK_BYTES = 1 << 20
+_MAX_SILENT_BYTES = 1 << 24
+#: The identity transform: three rows of a matrix, then the translation.
 _IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
-#: What the standard library raises for a damaged package, an encrypted one, or one that is compressed in another way.
+#: Exceptions of the standard library for packages that are damaged, encrypted or compressed by an unknown method.
 _DAMAGED = (
     EOFError,
     LookupError,
@@ -59,7 +59,7 @@ _DAMAGED = (
 
 @dataclass(frozen=True)
 class _Placed:
-    """A component or a build item: which object of which model file, and where."""
+    """A component or a build item: the object, its model file and its transform."""
 
     path: str | None
     number: str
@@ -74,7 +74,7 @@ class _Object:
 
 
 def read(file: BinaryIO, bounds: Bounds) -> MeshData:
-    """Return the triangles of what the build section of a package places, and the unit that it states."""
+    """Return the triangles of all build items of a package, and its unit."""
     import numpy as np
 
     from vibraverse.files.reading.polygons import Parts
@@ -88,17 +88,17 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
 
 
 def unit_m(file: BinaryIO) -> float | None:
-    """Return the metres per unit that a package states, or None when it cannot be read."""
+    """Return the metres per unit that a package states, or None if it cannot be read."""
     try:
         package = _Package(file, Bounds(0))
         return package.model(package.start, only_unit=True).unit_m
-    except (ValueError, TooLarge):  # which is said when the mesh is read
+    except (ValueError, TooLarge):  # reported when the mesh is read
         return None
 
 
 @contextmanager
 def _opened() -> Iterator[None]:
-    """Turn what the standard library raises for a damaged package into a ``ValueError``. No code of ours runs in it."""
+    """Raise ``ValueError`` for exceptions of the standard library; only calls into it belong inside."""
     try:
         yield
     except _DAMAGED as error:
@@ -123,7 +123,7 @@ class _Package:
         self._visits = 0
 
     def model(self, path: str, only_unit: bool = False) -> _Model:
-        """Return what a model file holds."""
+        """Return the contents of a model file."""
         key = path.lstrip("/").lower()
         if key not in self._models:
             if key not in self.names:
@@ -136,13 +136,13 @@ class _Package:
         return self._models[key]
 
     def _unpacked(self, info: zipfile.ZipInfo) -> Iterator[bytes]:
-        """Yield the bytes of a part in pieces."""
+        """Yield the bytes of a part in chunks."""
         with _opened():
             stream = self.archive.open(info)
         with stream:
             while True:
                 with _opened():
-                    piece = stream.read(_CHUNK)
+                    piece = stream.read(_CHUNK_BYTES)
                 if not piece:
                     return
                 yield piece
@@ -150,7 +150,7 @@ class _Package:
     def instances(
         self, placed: _Placed, default: str, above: np.ndarray, depth: int
     ) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield vertices, faces and placing matrix (4, 3) of an object and of its components; ``above`` places it."""
+        """Yield vertices, faces and transform (4, 3) of an object and its components, placed by ``above`` (4, 3)."""
         import numpy as np
 
         self._visits += 1
@@ -175,11 +175,11 @@ class _Package:
 
 
 class _UnitRead(Exception):
-    """Ends the reading of a model of which only the unit is wanted."""
+    """Stops the parser of a model when only its unit is wanted."""
 
 
 class _Model:
-    """One model file, read as a stream: its unit, its objects by id, and what its build section places."""
+    """A model file, parsed as a stream: its unit, its objects by id, and its build items."""
 
     def __init__(self, pieces: Iterator[bytes], bounds: Bounds, only_unit: bool):
         self.unit_m = UNITS_M["millimeter"]
@@ -198,7 +198,7 @@ class _Model:
                 before = self._elements
                 parser.Parse(piece)
                 silent = 0 if self._elements > before else silent + len(piece)
-                if silent > _MAX_SILENT:
+                if silent > _MAX_SILENT_BYTES:
                     raise ValueError(f"its model has {silent >> 20} MB without an element")
             parser.Parse(b"", True)
         except _UnitRead:
@@ -254,7 +254,7 @@ class _Model:
 
 
 def _numbers(kind: type, element: str, attributes: dict[str, str], names: tuple[str, ...]) -> list:
-    """Return attributes of an element as numbers of a ``kind``, int or float."""
+    """Return attributes of an element as numbers of type ``kind``, int or float."""
     try:
         return [kind(attributes[name]) for name in names]
     except (KeyError, ValueError):
@@ -263,7 +263,7 @@ def _numbers(kind: type, element: str, attributes: dict[str, str], names: tuple[
 
 
 def _matrix(text: str | None) -> tuple[float, ...]:
-    """Return a transform's twelve numbers: three rows and the shift, for row vectors."""
+    """Return the twelve numbers of a transform for row vectors: three rows, then the translation."""
     if not text:
         return _IDENTITY
     words = text.split()

@@ -1,1 +1,1 @@
-"""What the readers of several mesh formats share: limits, lines of text, JSON documents, polygons, scenes."""
+"""Shared code of the mesh readers: limits, lines of text, JSON documents, PLY rows, polygons, scenes."""

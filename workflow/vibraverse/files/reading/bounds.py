@@ -1,13 +1,13 @@
-"""Limits on what a mesh file may hold, kept while it is read: nothing is allocated because a header says so."""
+"""Limits on the contents of a mesh file, enforced during reading, so that no header can exhaust the memory."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-#: Files longer than this are not read.
+#: Largest file that is read, in bytes.
 MAX_BYTES = 1 << 30
 
-#: Parts of a scene, counted as often as they are placed.
+#: Most parts of a scene, counted once per placement.
 MAX_PARTS = 100_000
 
 
@@ -17,17 +17,17 @@ class TooLarge(Exception):
 
 @dataclass(frozen=True)
 class Bounds:
-    """How many triangles a mesh may have; and so how many vertices: three for each, the most that they can use."""
+    """Limit on the triangles of a mesh, and so on its vertices: at most three per triangle."""
 
     max_triangles: int
 
     @property
     def max_vertices(self) -> int:
-        """The largest number of vertices, unused ones included."""
+        """Largest number of vertices, unused ones included."""
         return 3 * self.max_triangles + 1000
 
     def check(self, vertices: int = 0, triangles: int = 0) -> None:
-        """Raise :class:`TooLarge` if this many vertices or triangles are too many."""
+        """Raise :class:`TooLarge` if a number of vertices or triangles exceeds its limit."""
         if triangles > self.max_triangles:
             raise TooLarge(f"has {triangles} triangles; the limit is {self.max_triangles}")
         if vertices > self.max_vertices:

@@ -1,7 +1,7 @@
-"""JSON documents whose fields are read as the type that they must have.
+"""JSON documents with type-checked fields.
 
-A damaged file holds anything anywhere, so no value is used before its type is known. What is wrong is a ``ValueError``
-that says where: ``its accessors[3].count is "x" and not a whole number``.
+A damaged file may hold anything anywhere, so every value is checked before use. A mistake raises ``ValueError`` that
+names its place: ``its accessors[3].count is "x" and not a whole number``.
 """
 
 from __future__ import annotations
@@ -11,14 +11,14 @@ import json
 from collections.abc import Iterator
 
 _REQUIRED = object()
-#: Characters of a wrong value that a message repeats.
-_SHOWN = 40
+#: Most characters of a wrong value in a message.
+_MAX_SHOWN = 40
 
 
 class Fields:
-    """The fields of one JSON object, by name. ``where`` says where in the document it is; the document itself is "".
+    """The fields of a JSON object by name; ``where`` is its place in the document, which itself is at "".
 
-    ``null`` counts as missing. A field without a default must be there; a list that is not required is empty then.
+    ``null`` counts as missing. A field without a default is required; an optional list is empty by default.
     """
 
     def __init__(self, value, where: str = ""):
@@ -30,7 +30,7 @@ class Fields:
         return self.value.get(name) is not None
 
     def whole(self, name: str, default=_REQUIRED) -> int:
-        """Return a whole number that is not negative."""
+        """Return a non-negative whole number."""
         return _whole(self._get(name, default), self._at(name))
 
     def text(self, name: str, default=_REQUIRED) -> str:
@@ -38,7 +38,7 @@ class Fields:
         return _text(self._get(name, default), self._at(name))
 
     def true(self, name: str) -> bool:
-        """Return whether the field is there and true."""
+        """Return whether the field exists and is true."""
         value = self._get(name, False)
         if not isinstance(value, bool):
             raise _wrong(self._at(name), value, "true or false")
@@ -131,11 +131,11 @@ def _wrong(where: str, value, kind: str) -> ValueError:
     shown = json.dumps(value, ensure_ascii=False) if not isinstance(value, (dict, list)) else "a list"
     if isinstance(value, dict):
         shown = "an object"
-    return ValueError(f"its {where} is {shown[:_SHOWN]} and not {kind}")
+    return ValueError(f"its {where} is {shown[:_MAX_SHOWN]} and not {kind}")
 
 
 def data_uri(uri: str) -> bytes:
-    """Return the bytes that a data URI holds; ``ValueError`` for the name of a file."""
+    """Return the bytes in a data URI; raises ``ValueError`` for the name of a file."""
     if not uri.startswith("data:"):
         raise ValueError(f"it refers to {uri[:60]!r}, which is not in it")
     return base64.b64decode(uri.partition(",")[2])

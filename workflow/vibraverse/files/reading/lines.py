@@ -1,16 +1,16 @@
-"""Lines of mesh files that are texts, numbered, whatever ends them and however long they are."""
+"""Numbered lines of text mesh files, with any line ending and of bounded length."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import BinaryIO
 
-#: No line of a mesh is longer: a polygon of two million corners has less.
+#: Longest line in bytes; even a polygon of two million corners takes less.
 _MAX_LINE = 1 << 24
 
 
 def lines(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield the numbered lines of a text, whatever ends them: \\n, \\r\\n, or \\r alone."""
+    """Yield the numbered lines of a text; they may end with \\n, \\r\\n or \\r."""
     start = file.tell()
     head = file.read(1 << 16)
     file.seek(start)
@@ -24,7 +24,7 @@ def lines(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 def _returns(file: BinaryIO) -> Iterator[bytes]:
-    """Yield the lines that \\r alone ends."""
+    """Yield the lines of a file that end with a single \\r."""
     rest = b""
     while len(rest) < _MAX_LINE and (chunk := file.read(1 << 20)):
         *found, rest = (rest + chunk).split(b"\r")
@@ -33,7 +33,7 @@ def _returns(file: BinaryIO) -> Iterator[bytes]:
 
 
 def joined(numbered: Iterator[tuple[int, bytes]]) -> Iterator[tuple[int, bytes]]:
-    """Yield lines with those that end with a backslash joined to the next."""
+    """Yield lines, joining those that end with a backslash to the next."""
     parts, length = [], 0
     for number, line in numbered:
         length += len(line)
@@ -57,6 +57,6 @@ def rows(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
 
 
 def invalid(number: int, line: bytes) -> ValueError:
-    """Return the error that says which line cannot be read."""
+    """Return the error for a line that cannot be read."""
     text = line.strip()[:60].decode("utf-8", "replace")
     return ValueError(f"line {number} is not valid: {text}")

@@ -1,4 +1,4 @@
-"""Vertices and polygons as they are read, in flat arrays; polygons cut into triangles; parts put in their places."""
+"""Growing arrays of vertices and polygons, the triangulation of polygons, and the joining of parts."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from vibraverse.files.reading.bounds import MAX_PARTS, Bounds
 from vibraverse.geometry import Mesh
 
-#: Corners that are looked at together, so that memory stays small.
-_AT_ONCE = 1 << 18
+#: Corners that are processed at once, which limits the memory.
+_BATCH_CORNERS = 1 << 18
 
-#: Corners of a concave polygon; cutting one that crosses itself takes time with the square of them.
-_MAX_CONCAVE = 5000
+#: Most corners of a concave polygon; the time for one that crosses itself is quadratic in their number.
+_MAX_CONCAVE_CORNERS = 5000
 
 
 @dataclass
 class Polygons:
-    """Polygons of any number of corners in two flat arrays, eight bytes a number.
+    """Polygons with any number of corners in two flat arrays, eight bytes per number.
 
-    ``corners`` are vertex indices of all polygons in a row, ``sizes`` how many of them each polygon has.
+    ``corners`` holds the vertex indices of all polygons in sequence, ``sizes`` the number of corners of each.
     """
 
     bounds: Bounds
@@ -29,7 +29,7 @@ class Polygons:
     sizes: array.array = field(default_factory=lambda: array.array("q"))
 
     def add(self, corners: list[int]) -> None:
-        """Append one polygon; raises :class:`TooLarge` beyond the limit, ``ValueError`` for a corner beyond 64 bits."""
+        """Append a polygon; raises :class:`TooLarge` beyond the limit, ``ValueError`` for an index beyond 64 bits."""
         try:
             self.corners.extend(corners)
         except OverflowError:
@@ -45,7 +45,7 @@ class Polygons:
 
 @dataclass
 class Points:
-    """Vertices that are read one by one into a flat array of doubles."""
+    """Vertices in a flat array of doubles, read one by one."""
 
     bounds: Bounds
     values: array.array = field(default_factory=lambda: array.array("d"))
@@ -54,7 +54,7 @@ class Points:
         return len(self.values) // 3
 
     def add(self, x: float, y: float, z: float) -> None:
-        """Append one vertex; raises :class:`TooLarge` beyond the limit."""
+        """Append a vertex; raises :class:`TooLarge` beyond the limit."""
         self.values.extend((x, y, z))
         if len(self.values) > 3 * self.bounds.max_vertices:
             self.bounds.check(vertices=len(self))
@@ -66,7 +66,7 @@ class Points:
 
 @dataclass
 class Parts:
-    """The parts of a scene, put where their transforms say and counted against the limits."""
+    """The parts of a scene, transformed into place and checked against the limits."""
 
     bounds: Bounds
     vertices: list[np.ndarray] = field(default_factory=list)
@@ -78,9 +78,10 @@ class Parts:
         return len(self.vertices)
 
     def add(self, points: np.ndarray, triangles: np.ndarray, matrix: np.ndarray) -> None:
-        """Append a part (V, 3), (F, 3) where ``matrix`` (4, 3), whose last row is the shift, puts it.
+        """Append a part (V, 3), (F, 3), transformed by ``matrix`` (4, 3), whose last row is the translation.
 
-        A mirrored part keeps its outside outside. Raises :class:`TooLarge` or ``ValueError`` beyond the limits.
+        Faces of a mirrored part are flipped, so that they face outwards. Raises :class:`TooLarge` or ``ValueError``
+        beyond the limits.
         """
         self.bounds.check(vertices=self._vertices + len(points), triangles=self._faces + len(triangles))
         if len(self) == MAX_PARTS:
@@ -98,10 +99,10 @@ class Parts:
 
 
 def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Cut polygons into triangles (F, 3) that keep their order and orientation and do not leave a concave outline.
+    """Return the triangles (F, 3) of polygons, in their order and orientation and inside concave outlines.
 
-    ``corners`` are the indices of all polygons in a row, ``sizes`` (P,) how many each has, at least three.
-    Polygons with a corner out of range become fans as they are, for the caller to report.
+    ``corners`` holds the indices of all polygons in sequence, ``sizes`` (P,) the number of each, at least three.
+    Polygons with an index out of range become fans, which the caller reports.
     """
     if (sizes == 3).all():
         return corners.reshape(-1, 3)
@@ -110,20 +111,20 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) ->
     triangles = np.empty((int((sizes - 2).sum()), 3), dtype=np.int64)
     for size in np.unique(sizes):
         which = np.flatnonzero(sizes == size)
-        for some in np.array_split(which, len(which) * size // _AT_ONCE + 1):
-            loops = corners[begin[some][:, None] + np.arange(size)]
-            triangles[goal[some][:, None] + np.arange(size - 2)] = _cut(vertices, loops)
+        for batch in np.array_split(which, len(which) * size // _BATCH_CORNERS + 1):
+            loops = corners[begin[batch][:, None] + np.arange(size)]
+            triangles[goal[batch][:, None] + np.arange(size - 2)] = _cut(vertices, loops)
     return triangles
 
 
 def _fans(loops: np.ndarray) -> np.ndarray:
-    """Return the triangles (P, n - 2, 3) from each loop's first corner; ``loops`` (P, n)."""
+    """Return the triangles (P, n - 2, 3) of ``loops`` (P, n) as fans around their first corners."""
     first = np.broadcast_to(loops[:, :1], (len(loops), loops.shape[1] - 2))
     return np.stack([first, loops[:, 1:-1], loops[:, 2:]], axis=2)
 
 
 def _turns(vertices: np.ndarray, loops: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return each loop's area vector (P, 3), twice its area long, and how each corner turns about it (P, n)."""
+    """Return the area vectors (P, 3) of loops, twice their areas long, and the turns of the corners (P, n)."""
     points = vertices[loops] - vertices[loops[:, :1]]
     following = np.roll(points, -1, axis=1)
     normal = np.cross(points, following).sum(axis=1)  # Newell
@@ -132,14 +133,14 @@ def _turns(vertices: np.ndarray, loops: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def _cut(vertices: np.ndarray, loops: np.ndarray) -> np.ndarray:
-    """Return the triangles (P, n - 2, 3) of loops (P, n) that have the same number of corners."""
+    """Return the triangles (P, n - 2, 3) of loops (P, n), all with the same number of corners."""
     fans = _fans(loops)
     known = np.flatnonzero(((loops >= 0) & (loops < len(vertices))).all(axis=1))
     if loops.shape[1] == 3 or not len(known):
         return fans
     normal, turns = _turns(vertices, loops[known])
     concave = np.flatnonzero((turns < 0).any(axis=1))
-    if loops.shape[1] == 4:  # the cut of a concave quadrilateral begins at its inward corner
+    if loops.shape[1] == 4:  # a concave quadrilateral is cut at its inward corner
         start = np.argmax(turns[concave] < 0, axis=1)[:, None]
         rows = known[concave]
         fans[rows] = _fans(np.take_along_axis(loops[rows], (start + np.arange(4)) % 4, axis=1))
@@ -152,12 +153,12 @@ def _cut(vertices: np.ndarray, loops: np.ndarray) -> np.ndarray:
 
 
 def _ears(points: np.ndarray, normal: np.ndarray, loop: np.ndarray) -> np.ndarray:
-    """Cut a concave polygon in the plane of its area vector."""
+    """Return the triangles (n - 2, 3) of a concave polygon, cut in the plane normal to its area vector."""
     import manifold3d
 
-    if len(loop) > _MAX_CONCAVE:
+    if len(loop) > _MAX_CONCAVE_CORNERS:
         raise ValueError(
-            f"a face has {len(loop)} corners and turns inwards; more than {_MAX_CONCAVE} are not cut"
+            f"a face has {len(loop)} corners and turns inwards; more than {_MAX_CONCAVE_CORNERS} are not cut"
         )
     across = np.cross(normal, np.eye(3)[np.argmin(np.abs(normal))])
     across /= np.linalg.norm(across)

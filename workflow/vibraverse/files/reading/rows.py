@@ -1,6 +1,6 @@
 """The rows of PLY elements as arrays.
 
-A list property is a count and that many numbers, so rows of one element may differ in length.
+A list property is a count, followed by that many numbers, so the rows of an element may differ in length.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from vibraverse.files.formats.ply import Element
 
 _CORNERS = ("vertex_indices", "vertex_index")
-_CHUNK = 1 << 24
-_BLOCK = 1 << 14
+_CHUNK_BYTES = 1 << 24
+_BLOCK_ROWS = 1 << 14
 
 
 def numbers(file: BinaryIO, most: int) -> bytes:
-    """Return the numbers of a text as doubles."""
+    """Return the bytes of the numbers in a text as doubles; raises :class:`TooLarge` for more than ``most``."""
     pieces, count, rest = [], 0, b""
-    while chunk := file.read(_CHUNK):
+    while chunk := file.read(_CHUNK_BYTES):
         *words, rest = re.split(rb"\s+", rest + chunk)
         pieces.append(_doubles(words))
         count += len(pieces[-1])
@@ -47,15 +47,15 @@ def _doubles(words: list[bytes]) -> np.ndarray:
 
 
 class Rows:
-    """The rows behind the header, element by element."""
+    """The rows after the header, element by element."""
 
     def __init__(self, data: bytes, order: str):
         self.data, self.order, self.at = data, order, 0
 
     def columns(self, element: Element) -> dict:
-        """Return an element's properties by name: arrays, or for a list its numbers in a row and their counts.
+        """Return the properties of an element by name: an array, or for a list its numbers in sequence and the counts.
 
-        Raises ``ValueError`` when the file ends before the last row.
+        Raises ``ValueError`` if the file ends before the last row.
         """
         least = sum(struct.calcsize(self.order + (p.count or p.type)) for p in element.properties)
         if element.length * least > len(self.data) - self.at:
@@ -67,13 +67,13 @@ class Rows:
             return {
                 p.name: (nothing, np.zeros(0, np.int64)) if p.count else nothing for p in element.properties
             }
-        # Most files hold triangles alone, so the first row's shape is tried for all.
+        # Most files hold only triangles, so the lengths of the first row are tried for all.
         return self._table(
             element, [len(value) for value in self._row(element, self.at, 0)[0]]
         ) or self._walk(element)
 
     def _row(self, element: Element, at: int, number: int) -> tuple[list[memoryview], int]:
-        """Return each property's numbers in the row that begins at ``at``, and where it ends."""
+        """Return the numbers of each property in the row that starts at ``at``, and the end of the row."""
         values, view = [], memoryview(self.data)
         try:
             for prop in element.properties:
@@ -93,7 +93,7 @@ class Rows:
         return values, at
 
     def _table(self, element: Element, lengths: list[int]) -> dict | None:
-        """Return the columns if every row has these lengths in bytes, else None."""
+        """Return the columns if all rows have these lengths in bytes, else None."""
         fields = []
         for number, (prop, length) in enumerate(zip(element.properties, lengths, strict=True)):
             if prop.count:
@@ -118,9 +118,9 @@ class Rows:
         """Return the columns, row by row."""
         data: list[list[bytes]] = [[] for _ in element.properties]
         lengths: list[list[int]] = [[] for _ in element.properties]
-        for first in range(0, element.length, _BLOCK):
+        for first in range(0, element.length, _BLOCK_ROWS):
             rows = []
-            for number in range(first, min(first + _BLOCK, element.length)):
+            for number in range(first, min(first + _BLOCK_ROWS, element.length)):
                 values, self.at = self._row(element, self.at, number)
                 rows.append(values)
             for column, pieces in enumerate(zip(*rows, strict=True)):
@@ -135,7 +135,7 @@ class Rows:
 
 
 def positions(columns: dict) -> np.ndarray:
-    """Return the positions (V, 3) of an element with the columns x, y and z."""
+    """Return the positions (V, 3) in the columns x, y and z."""
     missing = [axis for axis in "xyz" if not isinstance(columns.get(axis), np.ndarray)]
     if missing:
         raise ValueError(f"its vertices have no {', '.join(missing)}")
@@ -143,7 +143,7 @@ def positions(columns: dict) -> np.ndarray:
 
 
 def polygons(element: Element, columns: dict, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
-    """Return corners in a row and their numbers, of the faces that have three or more."""
+    """Return corners in sequence and their numbers for all faces with at least three."""
     lists = [prop.name for prop in element.properties if prop.count]
     name = next((name for name in _CORNERS if name in lists), lists[0] if len(lists) == 1 else None)
     if name is None:

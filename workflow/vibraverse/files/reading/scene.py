@@ -20,7 +20,7 @@ _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 
 
 def joined(document: Fields, binary: bytes, bounds: Bounds) -> tuple[np.ndarray, np.ndarray, float, int]:
-    """Return vertices (V, 3) in metres, triangles (F, 3), metres per unit and the number of parts of a scene.
+    """Return the vertices (V, 3) in metres, triangles (F, 3), metres per unit and number of parts of a scene.
 
     ``binary`` is the buffer without a URI. Raises ``ValueError`` and :class:`TooLarge`.
     """
@@ -37,7 +37,7 @@ def joined(document: Fields, binary: bytes, bounds: Bounds) -> tuple[np.ndarray,
 
 
 class _Scene:
-    """The document, with what it refers to looked up on demand."""
+    """A glTF document whose buffers and meshes are read on demand."""
 
     def __init__(self, document: Fields, binary: bytes, bounds: Bounds):
         self.document, self.binary, self.bounds = document, binary, bounds
@@ -45,7 +45,7 @@ class _Scene:
         self._read: dict[int, list[Mesh]] = {}
 
     def placed(self) -> Iterator[tuple[int, np.ndarray]]:
-        """Yield mesh numbers with the (4, 4) matrices that place them."""
+        """Yield the numbers of meshes with their transforms (4, 4)."""
         document, nodes = self.document, self.document.count("nodes")
         if "scenes" in document:
             roots = document.item("scenes", document.whole("scene", 0)).wholes("nodes")
@@ -68,7 +68,7 @@ class _Scene:
             pending += [(child, matrix, depth + 1) for child in reversed(node.wholes("children"))]
 
     def primitives(self, number: int) -> list[Mesh]:
-        """Return vertices and triangles of each primitive of a mesh that has triangles."""
+        """Return vertices and triangles of all primitives of a mesh that have triangles."""
         if number not in self._read:
             primitives = self.document.item("meshes", number).items("primitives")
             self._read[number] = [self._primitive(one) for one in primitives if _has_triangles(one)]
@@ -96,11 +96,11 @@ class _Scene:
             first = np.full(len(corners) - 2, corners[0])
             return points, np.stack([first, corners[1:-1], corners[2:]], axis=1)
         strip = np.stack([corners[:-2], corners[1:-1], corners[2:]], axis=1)
-        strip[1::2] = strip[1::2][:, [0, 2, 1]]  # every other triangle of a strip runs the other way round
+        strip[1::2] = strip[1::2][:, [0, 2, 1]]  # every other triangle of a strip is reversed
         return points, strip
 
     def accessor(self, number: int, type_: str) -> np.ndarray:
-        """Return an accessor's rows (count, columns)."""
+        """Return the rows (count, columns) of an accessor."""
         accessor = self.document.item("accessors", number)
         if accessor.text("type") != type_:
             raise ValueError(f"accessors[{number}] is {accessor.text('type'):.20} and should be {type_}")
@@ -120,7 +120,7 @@ class _Scene:
         return rows
 
     def _changed(self, rows: np.ndarray, sparse: Fields) -> np.ndarray:
-        """Return an accessor's rows with those replaced that its ``sparse`` names."""
+        """Return the rows of an accessor with the replacements of its ``sparse``."""
         changes, places = sparse.whole("count"), sparse.fields("indices")
         at = self._view(places, _component(places), 1, changes)[:, 0]
         if len(at) and (at.dtype.kind != "u" or at.max() >= len(rows)):
@@ -137,7 +137,7 @@ class _Scene:
             self.bounds.check(triangles=count // 3)
 
     def _view(self, place: Fields, dtype: np.dtype, columns: int, count: int) -> np.ndarray:
-        """Return (count, columns) numbers of a buffer view, without a copy."""
+        """Return the numbers (count, columns) of a buffer view, without a copy."""
         view = self.document.item("bufferViews", place.whole("bufferView"))
         buffer = self._buffer(view.whole("buffer"))
         begin = view.whole("byteOffset", 0)
@@ -148,7 +148,7 @@ class _Scene:
         needed = (count - 1) * stride + row if count else 0
         if begin + needed > min(end, len(buffer)):
             raise ValueError("an accessor reaches beyond its buffer: the file seems cut off")
-        if count < 2:  # no stride is taken, and it may be any number
+        if count < 2:  # the stride is unused, so it may have any value
             stride = row
         return np.ndarray((count, columns), dtype, buffer, begin if count else 0, (stride, dtype.itemsize))
 
@@ -166,7 +166,7 @@ def _has_triangles(primitive: Fields) -> bool:
 
 
 def _component(accessor: Fields) -> np.dtype:
-    """Return the type of an accessor's numbers."""
+    """Return the type of the numbers of an accessor."""
     number = accessor.whole("componentType")
     if number not in _COMPONENTS:
         raise ValueError(f"its {accessor.where}.componentType is {number}, which glTF does not know")
@@ -174,7 +174,7 @@ def _component(accessor: Fields) -> np.dtype:
 
 
 def _matrix(node: Fields) -> np.ndarray:
-    """Return the matrix (4, 4) of a node: its own, or its scale, rotation and translation in this order."""
+    """Return the transform (4, 4) of a node: its matrix, or its scale, rotation and translation in this order."""
     if "matrix" in node:
         return np.array(node.numbers("matrix", 16)).reshape(4, 4).T
     matrix = np.eye(4)

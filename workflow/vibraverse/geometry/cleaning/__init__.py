@@ -1,1 +1,1 @@
-"""From a triangle soup to the surface of one solid body."""
+"""Mesh cleaning: from a triangle soup to the surface of one solid body."""

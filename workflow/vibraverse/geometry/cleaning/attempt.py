@@ -1,4 +1,4 @@
-"""What one rung of the ladder of repairs may do and did, and what it shares with the rungs after it."""
+"""State of one rung of the repair ladder, and the cache that rungs share."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from vibraverse.geometry.cleaning.judge import Unfit
 
 @dataclass
 class Attempt:
-    """What one rung may do and what it did."""
+    """What one rung may do, and what it did."""
 
     max_dropped: float = 0.0
-    """Share of the volume that may be dropped by the rungs that drop."""
+    """Share of the volume that dropping rungs may drop."""
     thickness: float = 0.0
-    """Thickness given to sheets by the rungs that do, in normalised units."""
-    made: dict[tuple, tuple[Attempt, list[Mesh] | Unfit]] = field(default_factory=dict)
-    """What several rungs need, kept for those that come later."""
+    """Thickness that thickening rungs give to sheets, in normalised units."""
+    cache: dict[tuple, tuple[Attempt, list[Mesh] | Unfit]] = field(default_factory=dict)
+    """Results of shared steps, by step and options."""
     notes: list[str] = field(default_factory=list)
-    """What was done, in words."""
+    """Descriptions of the changes."""
     dropped: list[Mesh] = field(default_factory=list)
-    """Bodies left out."""
+    """Bodies that were dropped."""
     dropped_share: float = 0.0
     """Their share of the volume."""
     filled_cavities: int = 0
-    """Shells inside others, facing inwards, that were filled."""
+    """Number of inner shells, facing inwards, that were filled."""
 
 
-def once(step: Callable) -> Callable:
-    """Let a step of several rungs be taken by the first that needs it; later ones get the same, notes and all."""
+def cached(step: Callable) -> Callable:
+    """Cache a step that several rungs share: later rungs get its result, notes included."""
 
     @functools.wraps(step)
     def taken(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, *options: float) -> list[Mesh]:
         key = step, *options
-        if key not in attempt.made:
-            own = Attempt(made=attempt.made)
+        if key not in attempt.cache:
+            own = Attempt(cache=attempt.cache)
             try:
-                attempt.made[key] = own, step(vertices, faces, own, *options)
+                attempt.cache[key] = own, step(vertices, faces, own, *options)
             except Unfit as unfit:
-                attempt.made[key] = own, unfit
-        own, result = attempt.made[key]
+                attempt.cache[key] = own, unfit
+        own, result = attempt.cache[key]
         if isinstance(result, Unfit):
             raise result
         attempt.notes += own.notes

@@ -1,16 +1,16 @@
-"""What to know about a cleaned surface before taking it for the mesh it was made of."""
+"""Warnings about a cleaned surface that differs from its mesh."""
 
 from __future__ import annotations
 
-#: Share of a surface that may be made up, that is, lie farther from the mesh than 1 % of the diagonal. Holes of a scan
-#: and the offset of a wrap stay below; above it is another shape, and frequencies follow the shape.
+#: Share of a surface that may be invented, that is, lie farther from the mesh than 1 % of the diagonal. Holes of a scan
+#: and the offset of a wrap stay below it. Above it the shape is a different one, and so are its frequencies.
 MAX_INVENTED = 0.02
-#: Share of the volume that may be left out with bodies that lie apart: more is a part and no crumb.
+#: Share of the volume that may be dropped with separate bodies; more than this is a part, not a crumb.
 MAX_DROPPED = 0.01
 
 
 def cautions(record: dict) -> list[str]:
-    """Return the warnings about a surface, from the content of ``clean.json``; mostly none."""
+    """Return the warnings about a surface, from the content of ``clean.json``."""
     found = []
     invented, dropped = record["deviation"]["invented"], record["dropped"]
     if invented > MAX_INVENTED:

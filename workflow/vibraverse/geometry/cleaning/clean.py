@@ -1,7 +1,7 @@
 """From a triangle soup to the surface of one solid body, by the gentlest repair that suffices.
 
-The soup is moved and scaled, climbs the ladder (:mod:`vibraverse.geometry.cleaning.ladder`), and the result
-is moved and scaled so that its bounding box is centred at the origin and its longest side is 1.8.
+The soup is moved and scaled and climbs the ladder (:mod:`vibraverse.geometry.cleaning.ladder`). Then the result is
+moved and scaled: its bounding box is centred at the origin and its longest side is 1.8.
 """
 
 from __future__ import annotations
@@ -16,17 +16,17 @@ from vibraverse.geometry.cleaning.judge import Sheet, Unfit, counted, judge
 from vibraverse.geometry.cleaning.ladder import RUNGS, SHEET_RUNGS, Climb, climb
 from vibraverse.geometry.distance.deviation import EXACT, Deviation, deviation
 
-#: More faces than this are thinned, where that moves the surface by no more than the first number and changes the
-#: volume by no more than the second as a share.
-_DENSE = 100_000
-_MOVED, _HARMLESS = 3e-4, 1e-3
-#: Points whose extent along an axis is a smaller share of the largest extent lie in a plane or on a line.
-_PLANE = 1e-6
+#: Surfaces with more faces than this are simplified. The tolerances bound the motion of the surface, in normalised
+#: units, and the relative change of volume.
+_DENSE_FACES = 100_000
+_SIMPLIFY_TOLERANCE, _MAX_VOLUME_CHANGE = 3e-4, 1e-3
+#: Points are flat along a principal axis if their extent is below this share of the largest one.
+_FLAT_SHARE = 1e-6
 
 
 @dataclass(frozen=True)
 class CleanSurface:
-    """A solid body's surface in normalised coordinates and what it took to get there.
+    """A solid body's surface in normalised coordinates, and the repairs behind it.
 
     ``normalised = (source - centre) * scale``; ``longest_side`` is in source units.
     """
@@ -36,21 +36,21 @@ class CleanSurface:
     rung: str
     """The repair that sufficed."""
     ladder: list[dict[str, str]]
-    """The gentler ones and why each failed, ``{"rung": …, "failed": …}``."""
+    """The gentler repairs and why each failed: ``{"rung": …, "failed": …}``."""
     repairs: list[str]
-    """What was done, in words."""
+    """Descriptions of the changes."""
     dropped_parts: int
-    """Bodies left out because they lie apart."""
+    """Number of separate bodies that were dropped."""
     dropped_share: float
     """Their share of the volume."""
     filled_cavities: int
-    """Shells inside others that were filled."""
+    """Number of inner shells that were filled."""
     deviation: Deviation
-    """How far the surface is from the source's."""
+    """Distances between the surface and the source's."""
     volume_change: float | None
-    """Relative; None where the source's surface bounds no volume."""
+    """Relative change; None if the source's surface bounds no volume."""
     area_change: float
-    """Relative."""
+    """Relative change."""
     centre: np.ndarray
     scale: float
     longest_side: float
@@ -66,7 +66,7 @@ def clean(
 ) -> CleanSurface:
     """Return the surface of the one solid body that a soup of triangles describes.
 
-    ``vertices`` (V, 3) finite, ``faces`` (F, 3). Of bodies that lie apart the largest is kept when the others hold at
+    ``vertices`` (V, 3) finite, ``faces`` (F, 3). The largest of several separate bodies is kept if the others hold at
     most ``max_dropped`` of the volume. ``open_sheets`` is ``"refuse"`` or ``"thicken"``, to ``sheet_thickness`` times
     the longest side. Raises :class:`Refused` with reason ``too_large``, ``empty``, ``not_a_solid``,
     ``separate_bodies`` or ``not_repairable``.
@@ -88,8 +88,7 @@ def clean(
     if thinned:
         away = deviation(soup, body, found.attempt.dropped)
     source_volume = _enclosed(*soup)
-    # The frame of the result is applied to the source's coordinates in one step, so that what needed no
-    # repair is exactly the source, moved and scaled.
+    # One transformation from source coordinates: a mesh that needed no repair is exactly the source, moved and scaled.
     shift, factor = _frame(body[0])
     return CleanSurface(
         vertices=(body[0] - shift) * factor,
@@ -110,7 +109,7 @@ def clean(
 
 
 def _climbed(soup: Mesh, max_dropped: float, open_sheets: str, thickness: float) -> Climb:
-    """Climb the ladder; an open sheet is refused or climbs the one for sheets."""
+    """Climb the ladder; an open sheet is refused, or climbs the ladder for sheets."""
     failed: list[dict[str, str]] = []
     try:
         if _is_flat(soup[0]):
@@ -128,7 +127,7 @@ def _climbed(soup: Mesh, max_dropped: float, open_sheets: str, thickness: float)
 
 
 def _enclosed(vertices: np.ndarray, faces: np.ndarray) -> float:
-    """Return the volume that a soup encloses as it is; 0 when it is not closed or its faces disagree."""
+    """Return the volume that a soup encloses; 0 if it is not closed or its faces disagree."""
     found = surfaces.topology(faces, len(vertices))
     if found.open_edges or found.crowded_edges or found.disagreeing_edges:
         return 0.0
@@ -142,24 +141,24 @@ def _frame(vertices: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _is_flat(vertices: np.ndarray) -> bool:
-    """Return whether all points lie in one plane; refuse those that lie on one line."""
+    """Return whether all points lie in one plane; raises :class:`Refused` if they lie on one line."""
     centred = vertices - vertices.mean(axis=0)
     extents = np.linalg.svd(centred.T @ centred, compute_uv=False) ** 0.5
-    if extents[1] < _PLANE * extents[0]:
+    if extents[1] < _FLAT_SHARE * extents[0]:
         raise Refused("not_a_solid", "All points of the mesh lie on one line.", "Export the mesh again.")
-    return bool(extents[2] < _PLANE * extents[0])
+    return bool(extents[2] < _FLAT_SHARE * extents[0])
 
 
 def _thin_out(vertices: np.ndarray, faces: np.ndarray) -> tuple[Mesh, list[str]]:
-    """Thin a very dense surface when that changes neither its volume nor its validity."""
-    if len(faces) <= _DENSE:
+    """Simplify a very dense surface if that keeps its volume and its validity; return it with notes."""
+    if len(faces) <= _DENSE_FACES:
         return (vertices, faces), []
-    thinner = repair.simplify(vertices, faces, _MOVED)
+    thinner = repair.simplify(vertices, faces, _SIMPLIFY_TOLERANCE)
     try:
         judge(*thinner)
     except Unfit:
         return (vertices, faces), []
     change = surfaces.volume(*thinner) / surfaces.volume(vertices, faces) - 1
-    if abs(change) > _HARMLESS:
+    if abs(change) > _MAX_VOLUME_CHANGE:
         return (vertices, faces), []
     return thinner, [f"thinned {counted(len(faces), 'triangle')} to {len(thinner[1])}"]

@@ -1,4 +1,4 @@
-"""Whether a surface is that of one solid body, and if not, why."""
+"""Validity of a surface: whether it bounds one solid body, and if not, why."""
 
 from __future__ import annotations
 
@@ -7,23 +7,23 @@ import numpy as np
 from vibraverse.geometry import surfaces
 from vibraverse.geometry.distance.crossing import crossing_faces
 
-#: Faces whose height is a smaller share of their longest edge have no area that rounding leaves standing.
-_FLAT = 1e-14
+#: A face has no area beyond rounding if its height is a smaller share of its longest edge.
+_FLAT_ASPECT = 1e-14
 
 
 class Unfit(Exception):
-    """Says why a surface is not that of a solid; ``advice`` and ``reason`` are for a refusal that ends with it."""
+    """The reason why a surface does not bound a solid; ``advice`` and ``reason`` go into the refusal."""
 
     advice = "Close its holes and join its parts in a mesh editor."
     reason = "not_repairable"
 
 
 class Sheet(Unfit):
-    """The surface encloses nothing: it is an open sheet."""
+    """The surface is an open sheet: it encloses no volume."""
 
 
 class Scattered(Unfit):
-    """What lies apart from the largest body is more than may be dropped."""
+    """The bodies apart from the largest one hold more volume than may be dropped."""
 
     advice = "Give each body a file of its own, or raise clean.max_dropped."
     reason = "separate_bodies"
@@ -32,8 +32,8 @@ class Scattered(Unfit):
 def judge(vertices: np.ndarray, faces: np.ndarray) -> None:
     """Raise :class:`Unfit` unless the surface bounds one solid body.
 
-    It is closed, oriented outward, manifold in edges and vertices and connected; every face has an area, and no two
-    meet but in the edges and points they share.
+    Such a surface is closed, oriented outward, connected, and manifold in edges and vertices. Every face has an area,
+    and two faces meet only in the edges and points that they share.
     """
     if not len(faces):
         raise Unfit("nothing is left")
@@ -56,7 +56,7 @@ def judge(vertices: np.ndarray, faces: np.ndarray) -> None:
 
 
 def is_solid(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """Return whether :func:`judge` finds nothing wrong."""
+    """Return whether a surface passes :func:`judge`."""
     try:
         judge(vertices, faces)
     except Unfit:
@@ -65,9 +65,9 @@ def is_solid(vertices: np.ndarray, faces: np.ndarray) -> bool:
 
 
 def without_area(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return which faces (F,) have their corners on one line, as far as rounding tells."""
+    """Return which faces (F,) have their corners on one line, within rounding."""
     longest = surfaces.edge_lengths(vertices, faces).max(axis=1)
-    return 2 * surfaces.normals_and_areas(vertices, faces)[1] <= _FLAT * longest**2
+    return 2 * surfaces.normals_and_areas(vertices, faces)[1] <= _FLAT_ASPECT * longest**2
 
 
 def counted(count: int, what: str) -> str:

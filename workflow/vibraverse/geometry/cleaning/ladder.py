@@ -1,7 +1,7 @@
 """The ladder of repairs: its rungs, gentlest first, and how it is climbed.
 
-A rung is a function of the welded soup that returns a surface or raises :class:`Unfit`. The first whose result passes
-:func:`judge`, and neither loses nor invents too much of the shape, is taken.
+A rung is a function of the welded soup that returns a surface or raises :class:`Unfit`. The climb ends at the first
+rung whose result passes :func:`judge` and neither loses nor invents too much of the shape.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from vibraverse.contract.errors import Refused
 from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
-from vibraverse.geometry.cleaning.attempt import Attempt, once
+from vibraverse.geometry.cleaning.attempt import Attempt, cached
 from vibraverse.geometry.cleaning.judge import Scattered, Sheet, Unfit, counted, is_solid, judge, without_area
 from vibraverse.geometry.cleaning.sheets import thicken
 from vibraverse.geometry.cleaning.wrapping import draw_in
@@ -21,31 +21,32 @@ from vibraverse.geometry.distance.boxes import contains
 from vibraverse.geometry.distance.crossing import crossing_faces
 from vibraverse.geometry.distance.deviation import Deviation, deviation
 
-#: Points closer than this are joined, in normalised units.
-_WELD = 1e-5
-#: What a repair leaves apart is a crumb while it holds at most this share of the volume.
-_CRUMBS = 0.002
-#: A part whose mean thickness 2V/A is below this, in normalised units, is flat.
-_FLAT = 1e-5
-#: More triangles that cut one another are not resolved exactly: that would take minutes.
-_MANY = 3000
-#: Bodies that touch in an edge or a point move this far apart, in normalised units.
-_APART = 1e-4
-#: Wrapping radii and distances from the soup, as shares of the diagonal, coarsest first.
-_WRAPS = ((0.04, 0.004), (0.02, 0.003), (0.01, 0.003))
-#: A wrap that holds less than this share of a coarser one has entered the body through a hole.
-_ENTERED = 0.5
-#: A wrap whose mean thickness 2V/A is below this many distances from the soup has nothing inside it.
-_SHEET = 3.0
-#: What is outside a result may be this far from it, as a share of the diagonal.
-_LOST = 0.01
-#: This share of a result's area may be made up. A hemisphere's cover is a third of what it closes: a bowl stays a bowl.
-_INVENTED = 0.3
+#: Points closer than this are joined; in normalised units.
+_WELD_DISTANCE = 1e-5
+#: Separate pieces that hold at most this share of the volume are crumbs.
+_MAX_CRUMB_SHARE = 0.002
+#: A part whose mean thickness 2V/A is below this is flat; in normalised units.
+_MIN_THICKNESS = 1e-5
+#: Most crossing triangles that are resolved exactly; more would take minutes.
+_MAX_CROSSINGS = 3000
+#: Bodies that touch in an edge or a point move this far apart; in normalised units.
+_SEPARATION = 1e-4
+#: Wrap radii and distances from the soup, as shares of the diagonal, coarsest first.
+_WRAP_SIZES = ((0.04, 0.004), (0.02, 0.003), (0.01, 0.003))
+#: A wrap with less than this share of a coarser one's volume has entered the body through a hole.
+_MIN_WRAP_SHARE = 0.5
+#: A wrap whose mean thickness 2V/A is below this many of its distances has nothing inside.
+_MIN_WRAP_THICKNESS = 3.0
+#: Largest distance from a point of the source to the result, as a share of the diagonal.
+_MAX_LOST = 0.01
+#: Share of a result's area that may be invented. The cover of a hemisphere is a third of the closed surface's area, so
+#: a bowl stays a bowl.
+_MAX_INVENTED = 0.3
 
 
 @dataclass(frozen=True)
 class Climb:
-    """Where the ladder ended: the rung, its result, what it did, how far that is from the source, what failed."""
+    """The end of a climb: the rung, its result and notes, the deviation from the source, and earlier failures."""
 
     rung: str
     body: Mesh
@@ -57,16 +58,16 @@ class Climb:
 def climb(
     rungs: Sequence[tuple[str, Callable]], soup: Mesh, failed: list[dict[str, str]], **options: float
 ) -> Climb:
-    """Return the first rung's result that is a solid like the soup; ``options`` are those of :class:`Attempt`.
+    """Return the result of the first rung that makes a solid like the soup.
 
-    Failures are appended to ``failed`` as ``{"rung": …, "failed": …}``. Raises :class:`Refused` when no rung is left,
-    and :class:`Sheet` as soon as one finds that there is nothing inside.
+    ``options`` are those of :class:`Attempt`. Failures are appended to ``failed`` as ``{"rung": …, "failed": …}``.
+    Raises :class:`Refused` when no rung is left, and :class:`Sheet` as soon as a rung finds that nothing is inside.
     """
     from pymeshlab import PyMeshLabException
 
-    last, made = Unfit("no repair to try"), {}
+    last, cache = Unfit("no repair to try"), {}
     for name, rung in rungs:
-        attempt = Attempt(**options, made=made)
+        attempt = Attempt(**options, cache=cache)
         try:
             body = rung(*soup, attempt)
             judge(*body)
@@ -86,18 +87,18 @@ def climb(
 
 
 def _compare(soup: Mesh, body: Mesh, attempt: Attempt, rung: Callable) -> Deviation:
-    """Return how far a result is from the soup; raise :class:`Unfit` when that is too far."""
-    # Crumbs may go because they are small, not because they are light: only what is dropped on purpose is not missed.
-    away = deviation(soup, body, attempt.dropped if rung in _DROPPING else [])
-    if away.source_to_body > _LOST:
+    """Return the deviation of a result from the soup; raises :class:`Unfit` if it is too large."""
+    # Crumbs count as lost if they are long, however light. Only bodies dropped on purpose are left out here.
+    away = deviation(soup, body, attempt.dropped if rung in _DROPPING_RUNGS else [])
+    if away.source_to_body > _MAX_LOST:
         raise Unfit(f"a part of the source lost, {100 * away.source_to_body:.1f} % of the diagonal away")
-    if away.invented > _INVENTED and rung not in _THICKENING:
+    if away.invented > _MAX_INVENTED and rung not in _THICKENING_RUNGS:
         raise Unfit(f"{100 * away.invented:.0f} % of the surface would be made up")
     return away
 
 
 def as_it_is(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
-    """Keep every triangle; turn those that point the wrong way."""
+    """Keep every triangle; flip those that face the wrong way."""
     turned = repair.orient(vertices, faces)
     count = int((turned != faces).any(axis=1).sum())
     if count:
@@ -106,8 +107,8 @@ def as_it_is(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
 
 
 def weld(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
-    """Join points that are almost equal."""
-    joined, kept = repair.weld(vertices, faces, _WELD)
+    """Merge points that are almost equal."""
+    joined, kept = repair.weld(vertices, faces, _WELD_DISTANCE)
     kept = repair.drop_doubles(kept)
     if len(kept) < len(faces) or len(joined) < len(vertices):
         points, triangles = len(vertices) - len(joined), len(faces) - len(kept)
@@ -124,27 +125,27 @@ def close(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
 
 
 def unite(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
-    """Close the holes of every part and take what they enclose together as one body."""
-    return _largest(_bodies(vertices, faces, attempt), attempt, _CRUMBS)
+    """Close the holes of every part and unite the parts to one body."""
+    return _largest(_bodies(vertices, faces, attempt), attempt, _MAX_CRUMB_SHARE)
 
 
 def wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
     """Shrink-wrap everything, as finely as the holes allow."""
-    return _wrapped(vertices, faces, attempt, _CRUMBS)
+    return _wrapped(vertices, faces, attempt, _MAX_CRUMB_SHARE)
 
 
 def largest(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
-    """Of bodies that lie apart, each united from its parts, keep the largest."""
+    """Keep the largest of separate bodies, each united from its parts."""
     return _largest(_bodies(vertices, faces, attempt), attempt, attempt.max_dropped)
 
 
 def largest_wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
-    """Of wraps that lie apart keep the largest."""
+    """Keep the largest of separate wraps."""
     return _wrapped(vertices, faces, attempt, attempt.max_dropped)
 
 
 def thickened(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
-    """Give sheets a thickness by moving both sides out, and unite them."""
+    """Thicken sheets by moving both sides out, and unite them."""
     plates = []
     for part in repair.parts(*weld(vertices, faces, attempt)):
         if surfaces.topology(part[1], len(part[0])).disagreeing_edges:
@@ -158,7 +159,7 @@ def thickened(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh
 
 
 def thickly_wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
-    """Give sheets a thickness by wrapping them at half of it."""
+    """Thicken sheets by wrapping them at half the thickness."""
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     offset = 0.5 * attempt.thickness / diagonal
     wrapped = repair.wrap(vertices, faces, max(offset, 0.01), offset)
@@ -166,7 +167,7 @@ def thickly_wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -
     return _largest(surfaces.components(*wrapped), attempt, attempt.max_dropped)
 
 
-#: The ladder, gentlest first: name -> function of the soup that notes what it did and may raise Unfit.
+#: The ladder, gentlest first: name -> function of the soup, which notes its changes and may raise Unfit.
 RUNGS: tuple[tuple[str, Callable], ...] = (
     ("as-is", as_it_is),
     ("weld", weld),
@@ -176,20 +177,20 @@ RUNGS: tuple[tuple[str, Callable], ...] = (
     ("largest", largest),
     ("largest-wrap", largest_wrap),
 )
-#: The ladder for open sheets that are to be thickened.
+#: The ladder for open sheets that should be thickened.
 SHEET_RUNGS: tuple[tuple[str, Callable], ...] = (("thicken", thickened), ("thick-wrap", thickly_wrapped))
-#: Rungs that drop bodies on purpose, and those that make a body of what is none.
-_DROPPING = (largest, largest_wrap, thickened, thickly_wrapped)
-_THICKENING = (thickened, thickly_wrapped)
+#: Rungs that drop bodies on purpose, and rungs that make a body of an open sheet.
+_DROPPING_RUNGS = (largest, largest_wrap, thickened, thickly_wrapped)
+_THICKENING_RUNGS = (thickened, thickly_wrapped)
 
 
-@once
+@cached
 def _bodies(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> list[Mesh]:
-    """Return the bodies that the parts of a soup, each closed, enclose together."""
+    """Return the union of the closed parts of a soup, as separate bodies."""
     return _united(_closed_parts(vertices, faces, attempt), attempt)
 
 
-@once
+@cached
 def _wraps(
     vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, alpha: float, offset: float
 ) -> list[Mesh]:
@@ -197,20 +198,20 @@ def _wraps(
     return surfaces.components(*repair.wrap(vertices, faces, alpha, offset))
 
 
-@once
+@cached
 def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> list[Mesh]:
-    """Return every part with its holes closed, facing outward; parts that then enclose nothing are left out."""
+    """Return every part with its holes closed, facing outward, without the parts that enclose nothing."""
     bodies, inward, closed, flat = [], [], 0, 0
-    vertices, faces = repair.weld(vertices, faces, _WELD)
+    vertices, faces = repair.weld(vertices, faces, _WELD_DISTANCE)
     for points, loose in repair.parts(vertices, repair.drop_doubles(faces)):
         part = points, repair.orient(points, loose)
         turned = bool((part[1] != loose).any(axis=1).mean() > 0.5)
         if surfaces.topology(part[1], len(points)).open_edges:
             part = repair.close_holes(*part)
             closed += 1
-        part = _capless(*repair.separate(*part, _APART))
+        part = _capless(*repair.separate(*part, _SEPARATION))
         found, enclosed = surfaces.topology(part[1], len(part[0])), surfaces.volume(*part)
-        if not found.closed_manifold or 2 * abs(enclosed) < _FLAT * surfaces.area(*part):
+        if not found.closed_manifold or 2 * abs(enclosed) < _MIN_THICKNESS * surfaces.area(*part):
             flat += 1
             continue
         if enclosed < 0:
@@ -228,14 +229,14 @@ def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> 
 
 
 def _capless(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
-    """Return a surface without triangles that have no area, where it is closed."""
+    """Return a surface without caps, if it is closed."""
     if not surfaces.topology(faces, len(vertices)).closed_manifold or not without_area(vertices, faces).any():
         return vertices, faces
     return repair.flip_caps(vertices, faces)
 
 
 def _cavities(bodies: list[Mesh], inward: list[bool]) -> int:
-    """Return how many of the bodies lie inside another that faced the other way."""
+    """Count the bodies that lie inside another one of opposite orientation."""
     boxes = [(points.min(axis=0), points.max(axis=0)) for points, _ in bodies]
     count = 0
     for i, (points, _) in enumerate(bodies):
@@ -248,7 +249,7 @@ def _cavities(bodies: list[Mesh], inward: list[bool]) -> int:
 
 
 def _united(bodies: list[Mesh], attempt: Attempt) -> list[Mesh]:
-    """Return the bodies that closed surfaces enclose together, each with its own surface, holes inside filled."""
+    """Return the union of closed surfaces as separate bodies, with inner cavities filled."""
     solids, crossings = [], 0
     for body in bodies:
         crossing = int(crossing_faces(*body).sum())
@@ -256,7 +257,7 @@ def _united(bodies: list[Mesh], attempt: Attempt) -> list[Mesh]:
         crossings += crossing
     if crossings:
         attempt.notes.append(f"resolved {counted(crossings, 'triangle')} that cut or touch each other")
-    pieces = [_tidied(*solid) for solid in solids]
+    pieces = [_without_slivers(*solid) for solid in solids]
     if len(solids) > 1:
         pieces = _joined(solids, attempt)
     if len(bodies) > 1:
@@ -265,21 +266,21 @@ def _united(bodies: list[Mesh], attempt: Attempt) -> list[Mesh]:
 
 
 def _joined(solids: list[Mesh], attempt: Attempt) -> list[Mesh]:
-    """Return the union of bodies none of which cuts itself."""
+    """Return the union of bodies without self-intersections."""
     try:
-        pieces = [_tidied(*piece) for piece in _shells(*repair.join(solids), attempt)]
+        pieces = [_without_slivers(*piece) for piece in _shells(*repair.join(solids), attempt)]
         if all(is_solid(*piece) for piece in pieces):
             return pieces
     except ValueError:
         pass
     together = surfaces.joined(solids)
     crossing = int(crossing_faces(*together).sum())
-    return [_tidied(*piece) for piece in _resolved(together, crossing, attempt)]
+    return [_without_slivers(*piece) for piece in _resolved(together, crossing, attempt)]
 
 
 def _resolved(body: Mesh, crossing: int, attempt: Attempt) -> list[Mesh]:
-    """Return the bodies inside a closed surface of which ``crossing`` faces cut or touch others."""
-    if crossing > _MANY:
+    """Return the bodies inside a closed surface that has ``crossing`` faces which cut or touch others."""
+    if crossing > _MAX_CROSSINGS:
         raise Unfit(f"{crossing} triangles that cut or touch each other, too many to resolve")
     try:
         return _shells(*repair.unite(*body), attempt)
@@ -288,36 +289,36 @@ def _resolved(body: Mesh, crossing: int, attempt: Attempt) -> list[Mesh]:
 
 
 def _shells(points: np.ndarray, triangles: np.ndarray, attempt: Attempt) -> list[Mesh]:
-    """Return the bodies of a union, taken apart where they touch; shells facing inwards are left out and counted."""
+    """Return the bodies of a union, separated where they touch; shells facing inwards are counted and dropped."""
     points, triangles = repair.weld(points, triangles)
-    shells = surfaces.components(*repair.separate(points, triangles, _APART))
+    shells = surfaces.components(*repair.separate(points, triangles, _SEPARATION))
     volumes = [surfaces.volume(*shell) for shell in shells]
-    attempt.filled_cavities += sum(volume < -_FLAT * max(volumes) for volume in volumes)
+    attempt.filled_cavities += sum(volume < -_MIN_THICKNESS * max(volumes) for volume in volumes)
     return [shell for shell, volume in zip(shells, volumes, strict=True) if volume > 0]
 
 
-def _tidied(points: np.ndarray, triangles: np.ndarray) -> Mesh:
-    """Return a body without the slivers that cutting leaves, where it is a solid without them."""
+def _without_slivers(points: np.ndarray, triangles: np.ndarray) -> Mesh:
+    """Return a body without the slivers that cutting leaves, if it stays a solid."""
     try:
-        smooth = repair.simplify(points, triangles, _WELD)
+        smooth = repair.simplify(points, triangles, _WELD_DISTANCE)
     except ValueError:
         return points, triangles
     return smooth if is_solid(*smooth) else (points, triangles)
 
 
 def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop: float) -> Mesh:
-    """Return the finest wrap that has not entered the body; raise :class:`Sheet` when nothing is inside it."""
+    """Return the finest wrap that has not entered the body; raises :class:`Sheet` if nothing is inside."""
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     enclosed, best, complaint = 0.0, None, Unfit("nothing to wrap")
-    for alpha, offset in _WRAPS:
+    for alpha, offset in _WRAP_SIZES:
         trial = Attempt()
         try:
             wrapped = _largest(_wraps(vertices, faces, attempt, alpha, offset), trial, may_drop)
             inside = surfaces.volume(*wrapped)
-            if inside < _ENTERED * enclosed:
+            if inside < _MIN_WRAP_SHARE * enclosed:
                 break
             judge(*wrapped)
-        except Scattered as scattered:  # and more so where it enters narrower gaps
+        except Scattered as scattered:  # finer wraps enter narrower gaps and scatter more
             complaint = scattered
             break
         except Unfit as unfit:
@@ -327,7 +328,7 @@ def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop
         body = draw_in(*wrapped, offset * diagonal, (vertices, faces))
         thickness = 2 * surfaces.volume(*body) / surfaces.area(*body)
         trial.notes.insert(0, f"wrapped at {100 * alpha:g} % of the diagonal")
-        if thickness < _SHEET * offset * diagonal:
+        if thickness < _MIN_WRAP_THICKNESS * offset * diagonal:
             complaint = Sheet("a wrap around it has nothing inside")
             break
         best = body, trial
@@ -340,7 +341,7 @@ def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop
 
 
 def _largest(pieces: list[Mesh], attempt: Attempt, may_drop: float) -> Mesh:
-    """Return the largest piece; raise :class:`Scattered` when the others hold more than they may."""
+    """Return the largest piece; raises :class:`Scattered` if the others hold more than the share ``may_drop``."""
     volumes = np.array([surfaces.volume(*piece) for piece in pieces])
     if not len(volumes) or volumes.max() <= 0:
         raise Unfit("nothing is left")
@@ -351,7 +352,7 @@ def _largest(pieces: list[Mesh], attempt: Attempt, may_drop: float) -> Mesh:
     if share > may_drop + 1e-9:
         raise Scattered(
             f"{counted(others, 'further body')} with {100 * share:.3g} % of the volume apart from the largest"
-            + (f"; at most {100 * may_drop:g} % may be dropped" if may_drop > _CRUMBS else "")
+            + (f"; at most {100 * may_drop:g} % may be dropped" if may_drop > _MAX_CRUMB_SHARE else "")
         )
     if others:
         attempt.notes.append(f"dropped {counted(others, 'body')} with {100 * share:.2g} % of the volume")

@@ -1,1 +1,1 @@
-"""How far, how near and what crosses: queries on triangle surfaces."""
+"""Queries on triangle surfaces: distance, closest point, containment, intersection, line of sight."""

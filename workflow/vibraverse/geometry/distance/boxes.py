@@ -1,7 +1,7 @@
-"""Boxes around triangles as a tree, and what is answered with it: is a point inside a closed surface?
+"""A tree of bounding boxes around triangles, and the test whether a point is inside a closed surface.
 
-Triangles lie along a Morton curve, one to a leaf of a complete binary tree: the children of node ``i`` are ``2i + 1``
-and ``2i + 2``.
+The tree is binary and complete: the children of node ``i`` are ``2i + 1`` and ``2i + 2``. Its leaves hold one triangle
+each, in the order of a Morton curve.
 """
 
 from __future__ import annotations
@@ -11,16 +11,16 @@ from numba import njit
 
 from vibraverse.geometry.distance.closest import morton
 
-#: Rays run along the third of these directions, which is that of no edge or face anybody models.
-_FRAME = np.linalg.qr(
+#: Rays run along the third of these directions, because no modelled edge or face has it.
+_RAY_FRAME = np.linalg.qr(
     np.array([[0.8346, 0.2519, 0.4899], [-0.3391, 0.9371, 0.0824], [-0.4343, -0.2417, 0.8677]])
 )[0]
 
 
 def box_tree(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the order of triangles (F, 3, 3) along the curve and the boxes of the tree (2 leaves - 1, 6).
+    """Return the order of triangles (F, 3, 3) along the curve, and the boxes of the tree (2 leaves - 1, 6).
 
-    A box is its lower and its upper corner; those of leaves left over hold nothing.
+    A box is its lower and its upper corner. Boxes of unused leaves are empty.
     """
     order = np.argsort(morton(corners.mean(axis=1)), kind="stable")
     leaves = 1 << int(np.ceil(np.log2(len(corners))))
@@ -38,12 +38,12 @@ def box_tree(corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def contains(vertices: np.ndarray, faces: np.ndarray, points: np.ndarray) -> np.ndarray:
     """Return which of ``points`` (N, 3) a closed surface (V, 3), (F, 3) encloses, (N,) bool, some µs each.
 
-    A ray from a point inside meets the surface an odd number of times. Which side of an edge the ray passes is
-    computed alike for the two faces there, so that none is missed or counted twice.
+    A ray from an inner point meets the surface an odd number of times. The side on which the ray passes an edge is
+    computed identically for the two faces there, so no hit is missed or counted twice.
     """
-    turned = np.ascontiguousarray(vertices @ _FRAME)
+    turned = np.ascontiguousarray(vertices @ _RAY_FRAME)
     order, boxes = box_tree(turned[faces])
-    return _parity(turned, np.ascontiguousarray(faces, dtype=np.int64), order, boxes, points @ _FRAME)
+    return _parity(turned, np.ascontiguousarray(faces, dtype=np.int64), order, boxes, points @ _RAY_FRAME)
 
 
 @njit(cache=True, nogil=True)
@@ -74,11 +74,11 @@ def _parity(vertices, faces, order, boxes, points):
 
 @njit(cache=True, nogil=True)
 def _above(vertices, face, x, y, z):
-    """Return whether the ray upwards from a point meets a face."""
+    """Return whether the upward ray from a point meets a face."""
     left, height, total = 0, 0.0, 0.0
     for i in range(3):
         a, b = face[i], face[(i + 1) % 3]
-        # The same arithmetic for both faces at the edge: from the vertex with the smaller number.
+        # Starting from the vertex with the smaller number gives both faces at the edge the same arithmetic.
         low, high = min(a, b), max(a, b)
         side = (vertices[high, 0] - vertices[low, 0]) * (y - vertices[low, 1]) - (
             vertices[high, 1] - vertices[low, 1]

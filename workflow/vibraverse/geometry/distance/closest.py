@@ -1,10 +1,9 @@
-"""The closest point of a surface to any points, in double precision.
+"""Closest points on a surface, in double precision.
 
-Triangles lie along a Morton curve, two to a leaf; leaves are those of a complete binary tree, which needs no
-pointers: the children of node ``i`` are ``2i + 1`` and ``2i + 2``. What a node holds is bounded by a cylinder along its
-mean normal. A patch of a surface is flat, so its cylinder is a thin disc, and fewer discs than boxes come nearer
-to a point than the surface itself. A query starts from the triangle found for the query before it, which is a
-good first guess where neighbours follow one another.
+Triangles are sorted along a Morton curve, two to a leaf of a complete binary tree. The tree needs no pointers: the
+children of node ``i`` are ``2i + 1`` and ``2i + 2``. Each node is bounded by a cylinder along its mean normal. A patch
+of a surface is almost flat, so its cylinder is a thin disc that excludes more points than a box would. A query starts
+from the triangle that the previous query found, a good first guess when points are sorted in space.
 """
 
 from __future__ import annotations
@@ -15,12 +14,12 @@ from numba import njit
 from vibraverse.geometry.distance.triangles import nearest, tabulate
 
 #: Triangles per leaf.
-_LEAF = 2
-#: Cylinders are larger than what they hold by this share of its coordinates, more than rounding takes away.
-_SLACK = 1e-14
-#: Bits per axis of a Morton code, and the steps that spread them to every third place.
-_BITS = 21
-_SPREAD = (
+_LEAF_TRIANGLES = 2
+#: Cylinders are enlarged by this share of the coordinates, which exceeds the rounding error.
+_ROUNDING_MARGIN = 1e-14
+#: Bits per axis of a Morton code, and the shifts and masks that spread them to every third bit.
+_MORTON_BITS = 21
+_MORTON_SPREAD = (
     (32, 0x1F00000000FFFF),
     (16, 0x1F0000FF0000FF),
     (8, 0x100F00F00F00F00F),
@@ -30,42 +29,42 @@ _SPREAD = (
 
 
 class ClosestPoint:
-    """Answers which point of a surface (V, 3), (F, 3) is closest to given points; some 3 µs each."""
+    """Index of a surface (V, 3), (F, 3) that finds closest points in some 3 µs each."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray):
         corners = np.asarray(vertices, dtype=np.float64)[faces]
         order = np.argsort(morton(corners.mean(axis=1)), kind="stable")
-        leaves = 1 << int(np.ceil(np.log2(max(1.0, len(faces) / _LEAF))))
-        # The last triangle fills what is left of the leaves.
-        corners = corners[np.concatenate([order, np.full(leaves * _LEAF - len(order), order[-1])])]
+        leaves = 1 << int(np.ceil(np.log2(max(1.0, len(faces) / _LEAF_TRIANGLES))))
+        # Copies of the last triangle fill the unused leaves.
+        corners = corners[np.concatenate([order, np.full(leaves * _LEAF_TRIANGLES - len(order), order[-1])])]
         self._table, self._cylinders = tabulate(corners), _cylinders(corners, leaves)
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Return the closest points, (N, 3) for ``points`` (N, 3)."""
+        """Return the closest points (N, 3) to ``points`` (N, 3)."""
         return _search(np.ascontiguousarray(points, dtype=np.float64), self._table, self._cylinders)[0]
 
     def distance(self, points: np.ndarray) -> np.ndarray:
-        """Return the distances to the surface, (...) for ``points`` (..., 3)."""
+        """Return the distances (...) of ``points`` (..., 3) to the surface."""
         flat = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
         return np.sqrt(_search(flat, self._table, self._cylinders)[1]).reshape(np.shape(points)[:-1])
 
 
 def morton(points: np.ndarray) -> np.ndarray:
-    """Return the place of every point (N, 3) along a Morton curve through their bounding box."""
+    """Return the Morton codes (N,) of points (N, 3) in their bounding cube."""
     low = points.min(axis=0)
-    scale = (2**_BITS - 1) / max(float((points - low).max()), 1e-300)
+    scale = (2**_MORTON_BITS - 1) / max(float((points - low).max()), 1e-300)
     cell = ((points - low) * scale).astype(np.uint64)
     code = np.zeros(len(points), dtype=np.uint64)
     for axis in range(3):
         spread = cell[:, axis]
-        for shift, mask in _SPREAD:
+        for shift, mask in _MORTON_SPREAD:
             spread = (spread | (spread << np.uint64(shift))) & np.uint64(mask)
         code |= spread << np.uint64(axis)
     return code
 
 
 def _cylinders(corners: np.ndarray, leaves: int) -> np.ndarray:
-    """Return a cylinder around what every node holds, the root first, (2 leaves - 1, 8).
+    """Return the bounding cylinder of every node, the root first: (2 leaves - 1, 8).
 
     Columns: centre, unit axis, half the height, radius.
     """
@@ -82,8 +81,8 @@ def _cylinders(corners: np.ndarray, leaves: int) -> np.ndarray:
         lateral = np.maximum(np.einsum("npd,npd->np", away, away) - height**2, 0.0).max(axis=1)
         low, high = height.min(axis=1), height.max(axis=1)
         centre += (0.5 * (low + high))[:, None] * axis
-        slack = _SLACK * np.abs(points).max(axis=(1, 2))
-        # Squares lose half the digits, so the radius needs the root of what the height needs.
+        slack = _ROUNDING_MARGIN * np.abs(points).max(axis=(1, 2))
+        # Squares lose half the digits, so the radius takes the square root of the margin of the height.
         radius = np.sqrt(lateral + slack * np.abs(points).max(axis=(1, 2)))
         levels.insert(0, np.column_stack([centre, axis, 0.5 * (high - low) + slack, radius]))
         nodes //= 2
@@ -92,7 +91,7 @@ def _cylinders(corners: np.ndarray, leaves: int) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _to_cylinder(p0, p1, p2, cylinders, i):
-    """Return the square of the distance from p to a cylinder."""
+    """Return the squared distance from p to a cylinder."""
     x, y, z = p0 - cylinders[i, 0], p1 - cylinders[i, 1], p2 - cylinders[i, 2]
     along = x * cylinders[i, 3] + y * cylinders[i, 4] + z * cylinders[i, 5]
     above = max(abs(along) - cylinders[i, 6], 0.0)
@@ -106,7 +105,7 @@ def _to_cylinder(p0, p1, p2, cylinders, i):
 
 @njit(cache=True, nogil=True)
 def _search(points, table, cylinders):
-    """Return the closest points (N, 3) and the squares of their distances (N,)."""
+    """Return the closest points (N, 3) and their squared distances (N,)."""
     first_leaf = len(cylinders) // 2
     stack, bounds = np.empty(64, np.int64), np.empty(64)
     found, squares = np.empty((len(points), 3)), np.empty(len(points))
@@ -135,8 +134,8 @@ def _search(points, table, cylinders):
                     break
                 node = left
             else:
-                first = (node - first_leaf) * _LEAF
-                for i in range(first, first + _LEAF):
+                first = (node - first_leaf) * _LEAF_TRIANGLES
+                for i in range(first, first + _LEAF_TRIANGLES):
                     at_v, at_w, square = nearest(p0, p1, p2, table, i)
                     if square < best:
                         chosen, best, v, w = i, square, at_v, at_w

@@ -1,11 +1,10 @@
-"""Which triangles of a surface meet where they share nothing: cut, touch, or lie on one another.
+"""Intersections between triangles of a surface: faces that cut, touch or cover each other beyond what they share.
 
-Two convex sets are apart exactly when some plane separates them. For two triangles the candidates are few: the plane of
-either, those along one edge of each, and, in a common plane, those through an edge of either. Triangles that share a
-point are looked at from there, as two cones that may meet in their tip only; those that share an edge meet in more
-only when one lies folded on the other. Each sign is first computed in floating point with a bound of its error; the few
-pairs that leaves undecided, touching ones above all, are decided in integers. So the answer is exact for the
-coordinates as stored.
+Two convex sets are disjoint exactly when a plane separates them. For two triangles the candidates are few: the plane of
+either, the planes along one edge of each, and, for coplanar triangles, those through an edge of either. Triangles that
+share a point are treated as two cones that may meet only in their tip. Triangles that share an edge meet elsewhere only
+if one is folded onto the other. Each sign is first computed in floating point with an error bound. The few undecided
+pairs, mostly touching ones, are decided in integers. So the answer is exact for the coordinates as stored.
 """
 
 from __future__ import annotations
@@ -15,17 +14,17 @@ from numba import njit
 
 from vibraverse.geometry.distance.boxes import box_tree
 
-#: A sign computed in floating point counts when the number is larger than this times the size of what it is made of.
-#: The numbers below have degree five at most in coordinates that are themselves rounded differences.
-_ROUNDING = 1e-14
+#: A sign in floating point is certain if the number exceeds this times the magnitude of its terms. The numbers
+#: below have at most degree five in coordinates that are themselves rounded differences.
+_ERROR_BOUND = 1e-14
 _APART, _MEET, _UNDECIDED = 0, 1, 2
 
 
 def crossing_faces(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Return which faces (F,) meet another face in more than the points and edges they share.
+    """Return which faces (F,) meet another face beyond the points and edges that they share.
 
-    ``vertices`` (V, 3), ``faces`` (F, 3). Faces are neighbours through equal indices alone: equal points with
-    different indices touch each other.
+    ``vertices`` (V, 3), ``faces`` (F, 3). Only equal indices make faces neighbours: equal points with different
+    indices count as touching.
     """
     crossing = np.zeros(len(faces), dtype=bool)
     if len(faces) < 2:
@@ -53,7 +52,7 @@ def _undecided(vertices, faces, order, boxes, crossing) -> np.ndarray:
 
 @njit(cache=True, nogil=True)
 def _all_pairs(vertices, faces, order, boxes, crossing, pairs):
-    """Compare every face with those after it along the tree whose boxes meet its own; count the undecided pairs."""
+    """Compare every face with the later ones whose boxes overlap its own; count the undecided pairs."""
     first_leaf, n = len(boxes) // 2, len(faces)
     stack = np.empty(128, np.int64)
     count = 0
@@ -71,7 +70,7 @@ def _all_pairs(vertices, faces, order, boxes, crossing, pairs):
             if not meet:
                 continue
             if node < first_leaf:
-                # A node's last leaf: nothing there comes after this face when it is not after it either.
+                # If the node's last leaf does not come after this face, none of its leaves does.
                 last = node
                 while last < first_leaf:
                     last = 2 * last + 2
@@ -94,7 +93,7 @@ def _all_pairs(vertices, faces, order, boxes, crossing, pairs):
 
 @njit(cache=True, nogil=True)
 def _compare(vertices, one, other):
-    """Return whether two faces are apart, meet, or have to be looked at exactly."""
+    """Return whether two faces are apart, meet, or need exact arithmetic."""
     shared, i, j = 0, 0, 0
     for a in range(3):
         for b in range(3):
@@ -134,7 +133,7 @@ def _size(points):
 
 @njit(cache=True, nogil=True)
 def _folded(vertices, one, other):
-    """Compare two faces with a common edge: apart unless they are in one plane and on one side of the edge."""
+    """Compare two faces with a common edge: apart unless coplanar and on the same side of the edge."""
     a = b = c = d = -1
     for k in range(3):
         if one[k] != other[0] and one[k] != other[1] and one[k] != other[2]:
@@ -144,7 +143,7 @@ def _folded(vertices, one, other):
     edge, p, q = vertices[b] - vertices[a], vertices[c] - vertices[a], vertices[d] - vertices[a]
     normal, reference = _cross(edge, p), _cross(edge, q)
     size = max(max(np.abs(edge).max(), np.abs(p).max()), np.abs(q).max())
-    if _dot(normal, reference) < -_ROUNDING * size**4 or abs(_dot(normal, q)) > _ROUNDING * size**3:
+    if _dot(normal, reference) < -_ERROR_BOUND * size**4 or abs(_dot(normal, q)) > _ERROR_BOUND * size**3:
         return _APART
     return _UNDECIDED
 
@@ -169,7 +168,7 @@ def _triangles(p, q):
         for i in range(3):
             at, there = _dot(axis, p[i]), _dot(axis, q[i])
             low, high, under, over = min(low, at), max(high, at), min(under, there), max(over, there)
-        gap, error = max(under - high, low - over), 8 * _ROUNDING * scale * size
+        gap, error = max(under - high, low - over), 8 * _ERROR_BOUND * scale * size
         if gap > error:
             return _APART
         if gap > -error:
@@ -184,7 +183,7 @@ def _cones(p, q):
     n, m = _cross(p[1], p[2]), _cross(q[1], q[2])
     found = _MEET
     for k in range(10):
-        # Of the two cones one side lies at or above zero along the axis; the other must be below.
+        # One cone must lie at or above zero along the axis, and the other below.
         if k == 0:
             a, b, scale = _dot(n, q[1]), _dot(n, q[2]), size**3
             same = 1
@@ -202,13 +201,13 @@ def _cones(p, q):
             first, second = (q[1], q[2]) if k < 8 else (p[1], p[2])
             up = 1.0 if _dot(axis, side) > 0 else -1.0
             a, b, scale = -up * _dot(axis, first), -up * _dot(axis, second), size**4
-            error = _ROUNDING * scale
+            error = _ERROR_BOUND * scale
             if a > error and b > error and abs(_dot(axis, side)) > error:
                 return _APART
             if a > -error and b > -error:
                 found = _UNDECIDED
             continue
-        error = _ROUNDING * scale
+        error = _ERROR_BOUND * scale
         if abs(a) > error and abs(b) > error:
             if same * a * b > 0:
                 return _APART
@@ -218,9 +217,9 @@ def _cones(p, q):
 
 
 def _meet_exactly(vertices: np.ndarray, one: list[int], other: list[int]) -> bool:
-    """Return whether two faces meet in more than what they share, in integers.
+    """Return whether two faces meet beyond what they share, in integer arithmetic.
 
-    Doubles are integers times a power of two; the largest such power that serves all six points is taken.
+    Doubles are integers times a power of two; all six points are scaled by their largest common power.
     """
     shared = [v for v in one if v in other]
     if len(shared) == 3:
@@ -261,20 +260,20 @@ def _on(a, b):
 
 
 def _axes(p_edges, q_edges, n, m):
-    """Yield the normals of all planes that may separate."""
+    """Yield the normals of all candidate separating planes."""
     yield n
     yield m
     for e in p_edges:
         for f in q_edges:
             yield _times(e, f)
-    # In a common plane, or with a triangle that is a line, planes through one edge and along a normal.
+    # For coplanar or degenerate triangles: planes through one edge and along a normal.
     for normal in (n, m):
         for e in (*p_edges, *q_edges):
             yield _times(normal, e)
 
 
 def _triangles_apart(p, q) -> bool:
-    """Return whether two triangles of integer points do not meet."""
+    """Return whether two triangles of integer points are disjoint."""
     p_edges = [_less(p[k - 1], p[k]) for k in range(3)]
     q_edges = [_less(q[k - 1], q[k]) for k in range(3)]
     n, m = _times(p_edges[0], p_edges[1]), _times(q_edges[0], q_edges[1])
@@ -286,7 +285,7 @@ def _triangles_apart(p, q) -> bool:
 
 
 def _cones_apart(p, q) -> bool:
-    """Return whether two cones of two integer directions each meet in their tip, the origin, alone."""
+    """Return whether two cones of two integer directions each meet only in their tip, the origin."""
     n, m = _times(*p), _times(*q)
     for axis in _axes(p, q, n, m):
         here, there = [_on(axis, x) for x in p], [_on(axis, x) for x in q]
@@ -294,7 +293,7 @@ def _cones_apart(p, q) -> bool:
             if max(a) <= 0 < min(b) or max(a) < 0 <= min(b):
                 return True
             if max(a) == 0 == min(b) and any(axis):
-                # Both lean on the plane: what leans may be two different rays.
+                # Both touch the plane, possibly along two different rays.
                 lean_a = [x for x, s in zip(p if a is here else q, a, strict=True) if s == 0]
                 lean_b = [x for x, s in zip(q if a is here else p, b, strict=True) if s == 0]
                 if len(lean_a) == len(lean_b) == 1 and not _same_ray(lean_a[0], lean_b[0]):
@@ -303,5 +302,5 @@ def _cones_apart(p, q) -> bool:
 
 
 def _same_ray(a, b) -> bool:
-    """Return whether two directions are the same but for their lengths."""
+    """Return whether two directions are equal up to length."""
     return not any(_times(a, b)) and _on(a, b) > 0

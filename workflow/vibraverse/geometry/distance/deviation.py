@@ -1,10 +1,10 @@
-"""How far two surfaces are from each other, by samples of both.
+"""Sampled Hausdorff distance between two surfaces.
 
-The one-sided Hausdorff distance ``max_a min_b |a - b|`` is sampled at the vertices and at the centres of the triangles
-that appear when every triangle with a longest edge L is cut into k² equal ones, ``k = ⌈L / h⌉``. Any point of the
+The one-sided Hausdorff distance ``max_a min_b |a - b|`` is sampled at the vertices and at the centres of smaller
+triangles: each triangle with a longest edge L is divided into k² equal ones, ``k = ⌈L / h⌉``. Every point of the
 surface is then within ``2h/3`` of a sample. The distance to a surface changes no faster than the position, so the
-sampled maximum misses the true one by at most ``2h/3``; ``h`` is 1 % of the diagonal, or as much more as the number of
-samples asks for.
+sampled maximum misses the true one by at most ``2h/3``. ``h`` is 1 % of the diagonal, or larger to limit the number of
+samples.
 """
 
 from __future__ import annotations
@@ -17,26 +17,26 @@ from vibraverse.geometry import Mesh, surfaces
 from vibraverse.geometry.distance.boxes import contains
 from vibraverse.geometry.distance.closest import ClosestPoint
 
-#: The wanted spacing h as a share of the diagonal, and the number of samples a surface may have.
-_SPACING, _SAMPLES = 0.01, 40_000
-#: What is farther from the other surface than this share of the diagonal was swallowed, or invented.
-_FAR = 0.01
-#: What is closer lies on it.
-_ON = 1e-9
+#: Wanted spacing h as a share of the diagonal, and the most samples of a surface.
+_SAMPLE_SPACING, _MAX_SAMPLES = 0.01, 40_000
+#: Points farther from the other surface than this share of the diagonal were swallowed or invented.
+_FAR_DISTANCE = 0.01
+#: Points closer than this share of the diagonal lie on the other surface.
+_CONTACT_DISTANCE = 1e-9
 
 
 @dataclass(frozen=True)
 class Deviation:
-    """How a body's surface differs from the mesh it was made of; distances are shares of the body's diagonal.
+    """Difference between a body's surface and its source mesh; distances are shares of the body's diagonal.
 
-    From the source distances are to the body, of which the inside is a part: what lies inside was swallowed, not lost,
-    and nobody sees it. From the body they are those of its surface.
+    Distances from the source are those to the solid body: points of the source inside it count as swallowed, not lost,
+    because they are invisible. Distances from the body are those of its surface.
     """
 
     source_to_body: float
-    """Largest distance to the body from any point of the source: what was lost."""
+    """Largest distance from a point of the source to the body: what was lost."""
     body_to_source: float
-    """Largest distance to the source from any point of the body: what was invented."""
+    """Largest distance from a point of the body to the source: what was invented."""
     hausdorff: float
     """The larger of the two."""
     mean_source_to_body: float
@@ -44,30 +44,30 @@ class Deviation:
     mean_body_to_source: float
     """Mean over the area of the body."""
     swallowed: float
-    """Share of the source's area that is inside the body, deeper than 1 % of the diagonal."""
+    """Share of the source's area that lies deeper inside the body than 1 % of the diagonal."""
     invented: float
-    """Share of the body's area farther from the source than 1 % of the diagonal."""
+    """Share of the body's area that lies farther from the source than 1 % of the diagonal."""
     sampling_error: float
-    """The largest distances are at most this much larger."""
+    """Bound on the sampling error of the largest distances."""
 
 
-#: That of a surface that is the source's.
+#: Deviation of a surface identical to the source's.
 EXACT = Deviation(*[0.0] * 8)
 
 
 def deviation(source: Mesh, body: Mesh, dropped: list[Mesh]) -> Deviation:
-    """Return how far ``body``, closed, is from ``source``, leaving out what of the source is nearer to ``dropped``."""
+    """Return the deviation of a closed ``body`` from ``source``, ignoring source points nearer to ``dropped``."""
     diagonal = float(np.linalg.norm(np.ptp(body[0], axis=0)))
-    there, weights, spacing = samples(*source, _SPACING * diagonal)
+    there, weights, spacing = samples(*source, _SAMPLE_SPACING * diagonal)
     to_body = ClosestPoint(*body).distance(there)
     for part in dropped:
         stays = to_body <= ClosestPoint(*part).distance(there)
         there, weights, to_body = there[stays], weights[stays], to_body[stays]
-    off = np.flatnonzero(to_body > _ON * diagonal)
+    off = np.flatnonzero(to_body > _CONTACT_DISTANCE * diagonal)
     inside = off[contains(*body, there[off])]
-    swallowed = float(weights[inside] @ (to_body[inside] > _FAR * diagonal))
+    swallowed = float(weights[inside] @ (to_body[inside] > _FAR_DISTANCE * diagonal))
     to_body[inside] = 0.0
-    here, areas, own_spacing = samples(*body, _SPACING * diagonal)
+    here, areas, own_spacing = samples(*body, _SAMPLE_SPACING * diagonal)
     to_source = ClosestPoint(*source).distance(here)
     total = max(float(weights.sum()), 1e-300)
     lost = float(to_body.max(initial=0.0)) / diagonal
@@ -79,25 +79,25 @@ def deviation(source: Mesh, body: Mesh, dropped: list[Mesh]) -> Deviation:
         mean_source_to_body=float(weights @ to_body) / total / diagonal,
         mean_body_to_source=float(areas @ to_source / areas.sum()) / diagonal,
         swallowed=swallowed / total,
-        invented=float(areas @ (to_source > _FAR * diagonal) / areas.sum()),
+        invented=float(areas @ (to_source > _FAR_DISTANCE * diagonal) / areas.sum()),
         sampling_error=2 / 3 * max(spacing, own_spacing) / diagonal,
     )
 
 
 def samples(vertices: np.ndarray, faces: np.ndarray, spacing: float) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return samples of a surface (N, 3), the area each stands for (N,), and the spacing h that they have.
+    """Return samples of a surface (N, 3), the area that each represents (N,), and their spacing h.
 
-    The spacing is the wanted one, or larger where that would take more than ``_SAMPLES`` beyond one for every face.
+    The spacing is the wanted one, or larger to stay below ``_MAX_SAMPLES`` samples besides one per face.
     """
     longest = surfaces.edge_lengths(vertices, faces).max(axis=1)
     areas = surfaces.normals_and_areas(vertices, faces)[1]
-    while (cuts := np.ceil(longest / spacing).clip(1).astype(np.int64)) @ cuts > _SAMPLES + len(faces):
+    while (cuts := np.ceil(longest / spacing).clip(1).astype(np.int64)) @ cuts > _MAX_SAMPLES + len(faces):
         spacing *= 1.25
     points, weights = [vertices], [np.zeros(len(vertices))]
     for k in np.unique(cuts):
         which = np.flatnonzero(cuts == k)
         i, j = np.divmod(np.arange(k * k), k)
-        # The cells of a square; those beyond its diagonal are folded back and become the triangles that stand on a tip.
+        # Cells of a square. Those beyond the diagonal are folded back and give the triangles that stand on a tip.
         beyond = i + j >= k
         u = np.where(beyond, k - i - 1 / 3, i + 1 / 3) / k
         v = np.where(beyond, k - j - 1 / 3, j + 1 / 3) / k

@@ -1,4 +1,4 @@
-"""What straight lines meet on a surface."""
+"""Intersections of straight lines with a surface, by VTK."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData, vtkStaticCe
 
 
 def _polydata(vertices: np.ndarray, faces: np.ndarray) -> vtkPolyData:
-    """Return a surface as VTK holds it."""
+    """Return a surface as VTK polydata."""
     points = vtkPoints()
     points.SetDataTypeToDouble()
     points.SetData(numpy_to_vtk(np.ascontiguousarray(vertices, dtype=np.float64), deep=True))
@@ -26,7 +26,7 @@ def _polydata(vertices: np.ndarray, faces: np.ndarray) -> vtkPolyData:
 
 
 class LineOfSight:
-    """Answers where lines meet a surface; some 10 µs each."""
+    """Index of a surface that intersects lines with it in some 10 µs each."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray):
         self._data = _polydata(vertices, faces)
@@ -35,9 +35,9 @@ class LineOfSight:
         self._locator.BuildLocator()
 
     def first_hit(self, starts: np.ndarray, ends: np.ndarray) -> np.ndarray:
-        """Return how far along the lines from ``starts`` to ``ends`` (N, 3) the surface is met, as shares (N,).
+        """Return the positions (N,) of the first hits along the lines from ``starts`` to ``ends`` (N, 3).
 
-        1 means that it is not met.
+        They are shares of the lines; 1 means no hit.
         """
         meet, shares = self._locator.IntersectWithLine, np.ones(len(starts))
         share, point, inner, sub_id = reference(0.0), [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], reference(0)
@@ -48,9 +48,6 @@ class LineOfSight:
 
 
 def depth_below(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, most: float) -> np.ndarray:
-    """Return how thick a body is below every vertex (V,): how far down its normal (V, 3) the other side is.
-
-    ``most`` where it is farther than that.
-    """
+    """Return the thickness of a body below every vertex (V,), along its normal (V, 3), at most ``most``."""
     starts = points - 1e-3 * most * normals
     return most * LineOfSight(points, triangles).first_hit(starts, starts - most * normals)

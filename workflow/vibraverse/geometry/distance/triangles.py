@@ -1,17 +1,21 @@
-"""How far a point is from a triangle, for compiled loops over many of them."""
+"""Distance from a point to a triangle, for compiled loops over many triangles.
+
+The Voronoi regions of corners, edges and inside are tested in turn (Ericson, Real-Time Collision Detection, 2005,
+5.1.5).
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-#: A triangle whose height is a smaller share of its longest edge than this counts as that edge: rounding leaves nothing
-#: of its inside.
-_SLIVER = 1e-6
+#: A triangle whose height is below this share of its longest edge counts as that edge, since its inside is lost to
+#: rounding.
+_SLIVER_ASPECT = 1e-6
 
 
 def tabulate(corners: np.ndarray) -> np.ndarray:
-    """Return what :func:`nearest` needs of triangles (F, 3, 3), (F, 12).
+    """Return the table (F, 12) of triangles (F, 3, 3) that :func:`nearest` reads.
 
     Columns: the first corner a, the edges ab and ac, and the products ab·ab, ac·ac, ab·ac.
     """
@@ -22,22 +26,21 @@ def tabulate(corners: np.ndarray) -> np.ndarray:
 
 
 def _without_slivers(corners: np.ndarray) -> np.ndarray:
-    """Return the triangles with slivers collapsed to their longest edge, as triangles with two equal corners."""
+    """Return the triangles with slivers replaced by their longest edge, as triangles with two equal corners."""
     edges = np.roll(corners, -1, axis=1) - corners
     lengths = np.linalg.norm(edges, axis=2)
     longest, row = lengths.argmax(axis=1), np.arange(len(corners))
     twice_area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1)
-    thin = twice_area <= _SLIVER * lengths[row, longest] ** 2
+    thin = twice_area <= _SLIVER_ASPECT * lengths[row, longest] ** 2
     start, stop = corners[row, longest], corners[row, (longest + 1) % 3]
     return np.where(thin[:, None, None], np.stack([start, stop, stop], axis=1), corners)
 
 
 @njit(cache=True, nogil=True)
 def nearest(p0, p1, p2, table, i):
-    """Return the barycentric coordinates v, w of the point of triangle ``i`` nearest to p, and its squared distance.
+    """Return barycentric coordinates v, w of the point of triangle ``i`` nearest to p, and its squared distance.
 
-    The point is ``a + v ab + w ac``. The Voronoi regions of the corners, of the edges and of the inside are tried in
-    turn; products with the edges from the other two corners follow from those with the edges from the first.
+    The point is ``a + v ab + w ac``. The products at the other two corners follow from those at the first.
     """
     x, y, z = p0 - table[i, 0], p1 - table[i, 1], p2 - table[i, 2]
     d1 = table[i, 3] * x + table[i, 4] * y + table[i, 5] * z

@@ -1,1 +1,1 @@
-"""From a closed surface to good triangles and tetrahedra."""
+"""Meshing: from a closed surface to good triangles and tetrahedra."""

@@ -1,19 +1,19 @@
-"""What to know about a mesh before computing with it: sentences in its record.
+"""Warnings about a tetrahedral mesh, as sentences for its record.
 
-Thin walls and flat elements are numbers of the quality table and no warnings: whether they matter the error estimated
-of each frequency says (:mod:`vibraverse.physics.cautions`), and it contradicts them mostly.
+Thin walls and flat elements stay numbers of the quality table. The estimated error of each frequency says whether they
+matter (:mod:`vibraverse.physics.cautions`), and mostly they do not.
 """
 
 from __future__ import annotations
 
-#: Up to this many times ``target_elements`` a body costs what bodies cost: thin walls get twice the target by
-#: themselves, close sheets up to four times, which takes the basis a minute. At eight times it takes several, and its
-#: factors gigabytes: then a simpler surface, or leaving the body out, is worth somebody's while.
+#: Largest number of elements without a warning, in multiples of ``target_elements``. Thin walls alone need twice the
+#: target, and close sheets up to four times, which costs the basis a minute. At eight times the basis takes several
+#: minutes and its factors gigabytes; then it pays to simplify the surface or to leave the body out.
 MAX_TIMES_TARGET = 8.0
 
 
 def cautions(count: int, target: float) -> list[str]:
-    """Return the warnings about ``count`` tetrahedra where ``target`` were asked for; mostly none."""
+    """Return the warnings about ``count`` tetrahedra where ``target`` were asked for."""
     times = count / target
     if times <= MAX_TIMES_TARGET:
         return []

@@ -1,7 +1,7 @@
-"""Fill a closed triangle surface with tetrahedra, keeping its triangles as they are.
+"""Tetrahedra inside a closed triangle surface whose triangles do not change, by gmsh.
 
-gmsh gets the triangles as discrete surfaces and never reparametrises them: its reparametrisation fails, or
-takes minutes, on surfaces of real models.
+gmsh gets the triangles as discrete surfaces and never reparametrises them: on surfaces of real models that fails or
+takes minutes.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 from vibraverse.contract.errors import Refused
 from vibraverse.geometry.surfaces import face_components, volume
 
-#: gmsh's numbers of its three-dimensional algorithms.
+#: gmsh's numbers of its volume algorithms.
 ALGORITHMS = {"delaunay": 1, "hxt": 10}
 _TRIANGLE, _TETRAHEDRON = 2, 4
 
@@ -22,10 +22,10 @@ _TRIANGLE, _TETRAHEDRON = 2, 4
 def fill(
     vertices: np.ndarray, faces: np.ndarray, algorithm: str = "delaunay", optimise: bool = True
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (N, 3) and tetrahedra (T, 4), positively oriented, between the shells of a surface.
+    """Return points (N, 3) and positively oriented tetrahedra (T, 4) between the shells of a surface.
 
-    One shell encloses the others; those are cavities. ``optimise`` adds gmsh's second optimiser. Sizes inside
-    grow from those of the surface. Raises :class:`Refused` with reason ``meshing_failed`` and gmsh's words.
+    One shell encloses the others, which are cavities. ``optimise`` adds Netgen's optimiser. Element sizes grow inwards
+    from those of the surface. Raises :class:`Refused` with reason ``meshing_failed`` and gmsh's message.
     """
     import gmsh
 
@@ -51,7 +51,7 @@ def fill(
 
 @contextmanager
 def _complaints(gmsh) -> Iterator[None]:
-    """Raise :class:`Refused` with gmsh's words instead of its errors, whose type is ``Exception`` itself."""
+    """Raise :class:`Refused` with gmsh's message instead of its errors, which are plain ``Exception``."""
     try:
         yield
     except Exception as error:
@@ -61,7 +61,7 @@ def _complaints(gmsh) -> Iterator[None]:
 
 
 def _add_volume(gmsh, vertices: np.ndarray, faces: np.ndarray) -> None:
-    """Give gmsh one discrete surface per shell, the outermost first, and the volume between them."""
+    """Pass gmsh one discrete surface per shell, the outermost first, and the volume between them."""
     part = face_components(faces, len(vertices))
     sizes = [abs(volume(vertices, faces[part == i])) for i in range(part.max() + 1)]
     owner = np.full(len(vertices), -1)
@@ -81,7 +81,7 @@ def _add_volume(gmsh, vertices: np.ndarray, faces: np.ndarray) -> None:
 
 
 def _complaint(gmsh) -> str:
-    """Return the last error gmsh logged."""
+    """Return the last error in gmsh's log."""
     errors = [line.split(": ", 1)[-1] for line in gmsh.logger.get() if line.startswith("Error")]
     return errors[-1].rstrip(".") if errors else ""
 
@@ -98,10 +98,10 @@ def _result(gmsh) -> tuple[np.ndarray, np.ndarray]:
 
 
 def ordered(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the points (N, 3) in an order in which those that share a cell are near each other, and the cells (T, 4).
+    """Return points (N, 3) and cells (T, 4) renumbered so that points which share a cell are close in memory.
 
-    The solvers' sparse products then find what they need in the processor's caches and take a third less time. The
-    order is that of Cuthill and McKee, reversed (Proc. 24th Nat. Conf. ACM, 157, 1969).
+    Sparse products then use the processor's caches better and take a third less time. The order is reverse
+    Cuthill–McKee (Proc. 24th Nat. Conf. ACM, 157, 1969).
     """
     import scipy.sparse as sp
 

@@ -1,4 +1,4 @@
-"""How good tetrahedra are: the numbers that decide whether a finite-element solution can be trusted."""
+"""Quality measures of tetrahedra, on which the accuracy of a finite-element solution depends."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def radius_ratios(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     p = points[cells]
     edge = [np.linalg.norm(p[:, j] - p[:, i], axis=1) for i, j in _EDGES]
     x, y, z = edge[0] * edge[5], edge[1] * edge[4], edge[2] * edge[3]
-    # The products of opposite edges are the sides of a triangle whose area is 6 V r_circum.
+    # The products of opposite edges are the sides of a triangle with the area 6 V r_circum.
     area = (x + y + z) * (y + z - x) * (z + x - y) * (x + y - z)
     circum_times_volume = np.sqrt(np.maximum(area, 0.0)) / 24.0
     return 9.0 * volume**2 / np.maximum(areas * circum_times_volume, 1e-300)
 
 
 def parts(cells: np.ndarray, n_points: int) -> int:
-    """Return the number of connected parts, points that no tetrahedron uses counting as parts."""
+    """Return the number of connected parts; a point that no tetrahedron uses counts as a part."""
     rows, columns = np.repeat(cells[:, 0], 3), cells[:, 1:].ravel()
     graph = coo_array((np.ones(len(rows), np.int8), (rows, columns)), shape=(n_points, n_points))
     return int(connected_components(graph, directed=False)[0])

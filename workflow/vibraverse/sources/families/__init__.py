@@ -1,7 +1,7 @@
 """The table of shape families, and objects drawn from it.
 
-An object's id is its family's name and a number; it is all that a shape depends on. The table names classes
-by module so that listing families loads no numerical library.
+An object's id is the name of its family and a number; the shape depends only on the id. The table names classes by
+module, so listing families loads no numerical library.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ if TYPE_CHECKING:
 
     from vibraverse.sources.families.shape import Shape
 
-#: Coordinates are rounded to a nanometre, so that processors which round differently agree on the bytes.
+#: Coordinates are rounded to a nanometre, so that processors with different rounding give the same bytes.
 _DIGITS = 9
 
 
 @dataclass(frozen=True)
 class Family:
-    """One family: what it is, what kind of thing, and ``module:Class`` of its parameters."""
+    """A shape family: description, category, and ``module:Class`` of its parameters."""
 
     description: str
     category: str
@@ -31,7 +31,7 @@ class Family:
 
     @property
     def module(self) -> str:
-        """The module that the family is in."""
+        """Module of the family."""
         return f"vibraverse.sources.families.{self.source.partition(':')[0]}"
 
     def load(self) -> type[Shape]:
@@ -39,7 +39,7 @@ class Family:
         return getattr(importlib.import_module(self.module), self.source.partition(":")[2])
 
 
-#: Family name -> family. Generated objects take turns in this order.
+#: Family name -> family, in the order in which generated objects take turns.
 FAMILIES = {
     "bowl": Family("an open bowl on a foot ring", "vessel", "revolved:Bowl"),
     "bell": Family("a bell with a sound bow and a crown", "instrument", "revolved:Bell"),
@@ -76,7 +76,7 @@ FAMILIES = {
 
 @dataclass(frozen=True)
 class Generated:
-    """A generated object: a closed surface in metres, centred at the origin, and what it was drawn from."""
+    """A generated object: a closed surface in metres, centred at the origin, with its family and parameters."""
 
     vertices: np.ndarray
     faces: np.ndarray
@@ -88,7 +88,7 @@ class Generated:
 
 
 def drawn(object_: str) -> Shape:
-    """Return the parameters of a generated object, without building it; raises like :func:`generate`."""
+    """Return the parameters of a generated object without building it; raises as :func:`generate`."""
     from vibraverse.sources.families.shape import draw
 
     name, _, number = object_.rpartition("-")
@@ -102,10 +102,10 @@ def drawn(object_: str) -> Shape:
 
 
 def generate(object_: str) -> Generated:
-    """Return the object of an id such as ``bowl-0007``: the same arrays, bit for bit, every time.
+    """Return the object with an id such as ``bowl-0007``: the same arrays, bit for bit, every time.
 
-    ``vertices`` (V, 3) float64 in metres, ``faces`` (F, 3) int64, closed, manifold, one connected surface with
-    its outside counter-clockwise. Raises :class:`Refused` (``unavailable``) for an id of no family.
+    ``vertices`` (V, 3) float64 in metres and ``faces`` (F, 3) int64 are one closed, connected manifold surface,
+    counter-clockwise seen from outside. Raises :class:`Refused` (``unavailable``) for an id of no family.
     """
     import numpy as np
 

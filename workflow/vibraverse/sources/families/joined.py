@@ -1,7 +1,7 @@
 """Shape families that join solids: cups with handles, lidded boxes, spoons, blobs, stools.
 
-Parts are revolved, extruded or swept; the union of overlapping solids is again one closed manifold. A handle is
-trimmed in the middle of the wall it meets, so that surfaces never coincide.
+Parts are revolved, extruded or swept. The union of overlapping solids is again a closed manifold. A handle ends in the
+middle of the wall that it meets, so that surfaces never coincide.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class Cup(Shape):
     thickness: float = between(0.15, 0.18)
 
     def build(self) -> Mesh:
-        """Join a beaker and a bent tube, whose ends are trimmed in the middle of the beaker's wall."""
+        """Join a beaker and a bent tube whose ends lie in the middle of the beaker's wall."""
         h, w = self.height, self.waist
         corner = arc((w - 0.25, 0.25), 0.25, -90, -5, 10)
         side = smooth_curve([corner[-1], (0.5 * (w + 1.0), 0.55 * h), (1.0, h)], 30)[1:]
@@ -57,7 +57,7 @@ class Box(Shape):
     knob: float = between(0.07, 0.1)
 
     def build(self) -> Mesh:
-        """Join body, lid and knob, minus the inside, which a slot in the front opens: one surface, no cavity."""
+        """Join body, lid and knob, and subtract the inside and a slot in the front: one surface, no cavity."""
         x, y, z, t, over = 1.0, self.depth, self.height, self.thickness, 2 * self.overhang
         body = solid(extrude([_box_outline(x, y, 0.1)], z, 0.03))
         inside = solid(extrude([_box_outline(x - 2 * t, y - 2 * t, 0.06)], z - 2 * t, 0.03))
@@ -227,7 +227,7 @@ class Teapot(Shape):
     thickness: float = between(0.2, 0.22)
 
     def build(self) -> Mesh:
-        """Join pot, spout, handle and knob, minus the inside, which opens through the spout."""
+        """Join pot, spout, handle and knob, and subtract the inside, which opens through the spout."""
         h, t = self.height, self.thickness
         outline = smooth_curve([(0.62, 0.0), (0.98, 0.4 * h), (0.8, 0.78 * h), (0.45, h)], 60)
         pot = np.concatenate([[(0.0, 0.0)], outline, [(0.0, h + 0.06)]])
@@ -289,7 +289,7 @@ class Knot(Shape):
 
 
 def _upright(curve: np.ndarray) -> np.ndarray:
-    """Return a plane curve (N, 2) as one in space with y = 0."""
+    """Return a plane curve (N, 2) as a curve in space with y = 0."""
     return np.column_stack([curve[:, 0], np.zeros(len(curve)), curve[:, 1]])
 
 

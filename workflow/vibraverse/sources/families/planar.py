@@ -6,7 +6,7 @@ import numpy as np
 
 
 def fill(rings: list[np.ndarray], spacing: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (N, 2) and counter-clockwise triangles of the region inside the outlines.
+    """Return points (N, 2) and counter-clockwise triangles (F, 3) of the region inside the outlines.
 
     The first points are those of ``rings`` in order, each already sampled at about ``spacing``; the outer
     outline is counter-clockwise, holes are clockwise. Points of a triangular lattice fill the inside and
@@ -33,7 +33,7 @@ def fill(rings: list[np.ndarray], spacing: float) -> tuple[np.ndarray, np.ndarra
 
 
 def _lattice(low: np.ndarray, high: np.ndarray, spacing: float) -> np.ndarray:
-    """Points of a triangular lattice in a rectangle, laid symmetrically about its centre."""
+    """Return the points of a triangular lattice in a rectangle, symmetric about its centre."""
     centre, half = (low + high) / 2, (high - low) / 2
     rows = np.arange(-np.floor(half[1] / (spacing * 0.75**0.5)), half[1] / (spacing * 0.75**0.5) + 1)
     columns = np.arange(-np.floor(half[0] / spacing) - 1, half[0] / spacing + 2)
@@ -43,7 +43,7 @@ def _lattice(low: np.ndarray, high: np.ndarray, spacing: float) -> np.ndarray:
 
 
 def _inside(points: np.ndarray, rings: list[np.ndarray]) -> np.ndarray:
-    """Return which points lie inside, by counting how often a ray to the right meets an outline."""
+    """Return which points lie inside, by the parity of the crossings of a ray to the right."""
     inside = np.zeros(len(points), dtype=bool)
     x, y = points[:, :1], points[:, 1:]
     for ring in rings:
@@ -69,7 +69,7 @@ def _counter_clockwise(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
 
 def _bounded_by(triangles: np.ndarray, rings: list[np.ndarray]) -> bool:
-    """Return whether the triangles' boundary is exactly the outlines, each edge once and in its direction."""
+    """Return whether the boundary of the triangles is exactly the outlines, each edge once and in its direction."""
     edges = np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]])
     present = set(map(tuple, edges.tolist()))
     open_edges = {edge for edge in present if edge[::-1] not in present}
@@ -87,7 +87,7 @@ def unite(*outlines: np.ndarray) -> list[np.ndarray]:
 
 
 def half_plane(*outlines: np.ndarray) -> np.ndarray:
-    """Return the outline of a union of flat regions, cut off at x = 0: the section of a body of revolution."""
+    """Return the outline of a union of flat regions, cut at x = 0: the section of a body of revolution."""
     joined = unite(*outlines)[0]
     low, high = joined.min(axis=0) - 1, joined.max(axis=0) + 1
     right = np.array([(0.0, low[1]), (high[0], low[1]), (high[0], high[1]), (0.0, high[1])])
@@ -95,7 +95,7 @@ def half_plane(*outlines: np.ndarray) -> np.ndarray:
 
 
 def subtract(outline: np.ndarray, *others: np.ndarray) -> list[np.ndarray]:
-    """Return the outlines of a flat region without others, the longest first; holes are clockwise."""
+    """Return the outlines of a flat region minus others, the longest first; holes are clockwise."""
     return _combine((outline, *others), "Subtract")
 
 
@@ -109,7 +109,7 @@ def _combine(outlines, operation: str) -> list[np.ndarray]:
 
 
 def soften(outlines: list[np.ndarray], inward: float, outward: float) -> list[np.ndarray]:
-    """Round the corners of a flat region, concave ones with radius ``inward``, convex ones ``outward``."""
+    """Round the corners of a flat region: concave ones with radius ``inward``, convex ones with ``outward``."""
     from manifold3d import CrossSection, JoinType
 
     region = CrossSection([np.ascontiguousarray(outline, dtype=np.float64) for outline in outlines])

@@ -14,8 +14,8 @@ from vibraverse.geometry import Mesh
 from vibraverse.sources.families.planar import fill, unite
 
 _CORNER_RAD = np.radians(25.0)
-#: Corners nearer to each other than this share of the spacing become one.
-_CLOSEST = 0.25
+#: Corners closer than this share of the spacing are merged.
+_MIN_CORNER_DISTANCE = 0.25
 
 
 def smooth_curve(points, n: int = 200) -> np.ndarray:
@@ -40,12 +40,12 @@ def circle(centre, radius: float, n: int = 48) -> np.ndarray:
 
 
 def polygon(sides: int, radius: float) -> np.ndarray:
-    """Return the outline of a regular polygon about the origin; ``radius`` is that of its inner circle."""
+    """Return the outline of a regular polygon about the origin; ``radius`` is that of its incircle."""
     return circle((0.0, 0.0), radius / np.cos(np.pi / sides), sides)
 
 
 def turned(outline: np.ndarray, angle_deg: float) -> np.ndarray:
-    """Return an outline turned about the origin."""
+    """Return an outline rotated about the origin."""
     c, s = np.cos(np.radians(angle_deg)), np.sin(np.radians(angle_deg))
     return outline @ np.array([[c, s], [-s, c]])
 
@@ -68,8 +68,8 @@ def rounded(left: float, right: float, low: float, high: float, radius: float) -
 def wall(midline, thickness) -> np.ndarray:
     """Return the closed outline around an open ``midline`` (N, 2).
 
-    ``thickness`` is a number or one value per point. The ends are rounded; where the midline begins on the
-    axis (first coordinate 0) the outline is cut off there, so that revolving it closes it.
+    ``thickness`` is a number or one value per point. The ends are rounded. If the midline begins on the axis (first
+    coordinate 0), the outline is cut there, so that revolving closes it.
     """
     midline = np.asarray(midline, dtype=np.float64)
     half = np.broadcast_to(np.asarray(thickness, dtype=np.float64) / 2, len(midline))[:, None]
@@ -77,7 +77,7 @@ def wall(midline, thickness) -> np.ndarray:
     if midline[0, 0] == 0:
         along[0] = (1.0, 0.0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
-    across = np.stack([along[:, 1], -along[:, 0]], axis=1)  # to the right of the way from the axis
+    across = np.stack([along[:, 1], -along[:, 0]], axis=1)  # to the right, seen along the midline
     right, left = midline + half * across, midline - half * across
     angle = np.degrees(np.arctan2(across[-1, 1], across[-1, 0]))
     cap = arc(midline[-1], half[-1], angle, angle + 180.0, 16)[1:-1]
@@ -85,11 +85,11 @@ def wall(midline, thickness) -> np.ndarray:
     if midline[0, 0] != 0:
         angle = np.degrees(np.arctan2(-across[0, 1], -across[0, 0]))
         outline.append(arc(midline[0], half[0], angle, angle + 180.0, 16)[1:-1])
-    return unite(np.concatenate(outline))[0]  # a tight bend leaves a loop inside, which the union swallows
+    return unite(np.concatenate(outline))[0]  # the union removes the inner loop of a tight bend
 
 
 def resample(outline: np.ndarray, spacing: float) -> np.ndarray:
-    """Return a closed outline resampled to about ``spacing``; corners of more than 25 degrees stay."""
+    """Return a closed outline resampled to about ``spacing``, keeping corners of more than 25 degrees."""
     outline = _without_repeats(outline)
     back = outline - np.roll(outline, 1, axis=0)
     ahead = np.roll(outline, -1, axis=0) - outline
@@ -103,7 +103,7 @@ def resample(outline: np.ndarray, spacing: float) -> np.ndarray:
     pieces = [_evenly(ring[a : b + 1], spacing, 3 if len(corners) == 1 else 1) for a, b in pairwise(ends)]
     points = np.concatenate(pieces)
     gaps = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1)
-    return points[gaps > _CLOSEST * spacing]
+    return points[gaps > _MIN_CORNER_DISTANCE * spacing]
 
 
 def _without_repeats(outline: np.ndarray) -> np.ndarray:
@@ -114,7 +114,7 @@ def _without_repeats(outline: np.ndarray) -> np.ndarray:
 
 
 def _evenly(line: np.ndarray, spacing: float, least: int) -> np.ndarray:
-    """Return evenly spaced points of an open line without its last one."""
+    """Return evenly spaced points of an open line, except the last one."""
     lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
     n = max(least, round(lengths[-1] / spacing))
     at = np.linspace(0.0, lengths[-1], n + 1)[:-1]
@@ -124,8 +124,8 @@ def _evenly(line: np.ndarray, spacing: float, least: int) -> np.ndarray:
 def revolve(outline: np.ndarray, spacing: float) -> Mesh:
     """Revolve a closed outline of (r, z) points, r >= 0, about the z axis.
 
-    The outline may touch the axis in one edge, which is left away. Rings have as many points as
-    their length asks for and are stitched, so triangles near the axis do not degenerate.
+    The outline may touch the axis in one edge, which is left out. The number of points of a ring follows from its
+    length, so triangles near the axis do not degenerate.
     """
     points = resample(outline, spacing)
     on_axis = points[:, 0] <= 1e-9 * np.ptp(points, axis=0).max()
@@ -230,9 +230,9 @@ def tube(path, radius, spacing: float, closed: bool = False) -> Mesh:
 
 
 def _frames(centres: np.ndarray, closed: bool) -> np.ndarray:
-    """Return (N, 3, 3) frames along a path whose third axis is its direction, carried along without twist.
+    """Return frames (N, 3, 3) along a path, transported without twist; the third axis is its direction.
 
-    Round a closed path that leaves an angle between the last frame and the first; it is spread over all.
+    On a closed path an angle remains between the last frame and the first; it is spread over all frames.
     """
     ring = np.concatenate([centres[-1:], centres, centres[:1]])
     along = np.gradient(ring, axis=0)[1:-1] if closed else np.gradient(centres, axis=0)

@@ -1,7 +1,7 @@
 """Shape families that are surfaces of revolution: vessels, bells, gongs, rings.
 
-The largest radius is about 1; the result is scaled to ``size_m`` later. Most are a wall: a smooth midline with
-a thickness of about a twentieth of the longest side or more, joined in the half plane with a foot or a knob.
+The largest radius is about 1; shapes are scaled to ``size_m`` later. Most are a wall: a smooth midline with a thickness
+of at least about a twentieth of the longest side, joined in the half plane with a foot or a knob.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a shape family is: a frozen dataclass of parameters with ranges, and how it is built."""
+"""Base class of the shape families: a frozen dataclass of parameters with ranges, and a builder."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from vibraverse.contract.seeds import rng
 
 
 def between(low, high):
-    """Return the field of a parameter drawn uniformly from [low, high]; whole numbers where both are."""
+    """Return the field of a parameter drawn uniformly from [low, high]; an integer if both ends are."""
     return field(metadata={"between": (low, high)})
 
 
@@ -22,7 +22,7 @@ def one_of(*values):
 
 @dataclass(frozen=True)
 class Shape:
-    """Base of all families. Lengths are relative to the shape itself unless the field says metres.
+    """Base of all families. Lengths are relative to the shape unless the name of the field says metres.
 
     Every family has ``size_m``, the natural length of its longest side in metres, drawn log-uniformly.
     """
@@ -37,7 +37,7 @@ class Shape:
 
 
 def draw(family: type[Shape], object_: str) -> Shape:
-    """Draw a family's parameters; each has its own seed, so that a new one changes no other."""
+    """Draw the parameters of a family; each has its own seed, so a new parameter changes no other."""
     values = {}
     for parameter in fields(family):
         random = rng(object_, "shape", parameter.name)
@@ -57,5 +57,5 @@ def draw(family: type[Shape], object_: str) -> Shape:
 
 
 def _short(value: float) -> float:
-    """Round to four digits, so that the record states exactly what was built."""
+    """Return a number rounded to four digits, so that the record states exactly what was built."""
     return float(f"{value:.4g}")

@@ -1,4 +1,4 @@
-"""Solids made of closed surfaces by union and difference (manifold3d), and their surfaces remade (Mmg)."""
+"""Solids from closed surfaces by union and difference (manifold3d), and the remeshing of their surfaces (Mmg)."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from mmgpy import MmgMeshS
 
 from vibraverse.geometry import Mesh
 
-#: Mmg rounds what facets cut off, so a good surface may gain this share of the volume.
-_SAME_VOLUME = 0.03
+#: Largest relative change of volume by remeshing; Mmg rounds facets, so even a good surface gains volume.
+_MAX_VOLUME_CHANGE = 0.03
 
 
 def solid(surface: Mesh) -> Manifold:
-    """Return the solid inside a closed, oriented, manifold surface; ``ValueError`` when it is not one."""
+    """Return the solid inside a closed, oriented, manifold surface; raises ``ValueError`` for others."""
     vertices, faces = surface
     made = Manifold(
         Mesh64(np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.uint64))
@@ -24,7 +24,7 @@ def solid(surface: Mesh) -> Manifold:
 
 
 def place(part: Manifold, x=0.0, y=0.0, z=0.0, turn_x=0.0, turn_y=0.0, turn_z=0.0) -> Manifold:
-    """Turn a solid about the axes (degrees, x first), then move it."""
+    """Rotate a solid about the axes (degrees, x first), then move it."""
     return part.rotate([turn_x, turn_y, turn_z]).translate([x, y, z])
 
 
@@ -36,17 +36,16 @@ def union(*parts: Manifold) -> Manifold:
 def evened(joined: Manifold, spacing: float) -> Mesh:
     """Return the surface of a solid with near-equilateral triangles of about ``spacing``.
 
-    Unions leave slivers along their seams; Mmg remakes the surface, keeping edges that turn by more than 30
-    degrees. Should that not give a solid of the same volume and genus, the surface stays as it is, with long
-    edges split.
+    Unions leave slivers along their seams. Mmg remeshes the surface and keeps edges of more than 30 degrees sharp. If
+    that changes the volume or the genus, the original surface is returned with long edges split.
     """
     vertices, faces = arrays(joined)
-    remade = MmgMeshS(np.ascontiguousarray(vertices), faces.astype(np.int32))
-    remade.remesh(hmax=spacing, hmin=0.35 * spacing, hausd=0.05 * spacing, hgrad=1.5, ar=30.0, verbose=-1)
-    surface = remade.get_vertices().copy(), remade.get_triangles().astype(np.int64)
-    again = Manifold(Mesh64(np.ascontiguousarray(surface[0]), surface[1].astype(np.uint64)))
-    same = abs(again.volume() / joined.volume() - 1.0) < _SAME_VOLUME
-    return surface if same and again.genus() == joined.genus() else arrays(joined.refine_to_length(spacing))
+    remeshed = MmgMeshS(np.ascontiguousarray(vertices), faces.astype(np.int32))
+    remeshed.remesh(hmax=spacing, hmin=0.35 * spacing, hausd=0.05 * spacing, hgrad=1.5, ar=30.0, verbose=-1)
+    surface = remeshed.get_vertices().copy(), remeshed.get_triangles().astype(np.int64)
+    result = Manifold(Mesh64(np.ascontiguousarray(surface[0]), surface[1].astype(np.uint64)))
+    same = abs(result.volume() / joined.volume() - 1.0) < _MAX_VOLUME_CHANGE
+    return surface if same and result.genus() == joined.genus() else arrays(joined.refine_to_length(spacing))
 
 
 def arrays(joined: Manifold) -> Mesh:
