@@ -37,6 +37,7 @@ CANNOT = {
 #: Blocks without a language that hold no commands, by how they begin, and what they are.
 NO_COMMANDS = {
     "sources ->": "the chain of stages",
+    "Snakefile ": "the tree of the project",
     "vibraverse: ": "what a command answers",
     "path,id,size_m": "a manifest",
     "rule train:": "a rule",
