@@ -66,7 +66,7 @@ def test_rays_that_graze_edges_and_corners_are_cast_again():
 def test_a_surface_with_a_hole_has_no_inside():
     vertices, faces = shapes.ball(subdivisions=2)
     without_cap = faces[vertices[faces][:, :, 2].min(axis=1) < 0.7]
-    with pytest.raises(Refused, match="do not enter and leave it in turn") as refused:
+    with pytest.raises(Refused, match="do not enter and leave the body alternately") as refused:
         Sampler(vertices, without_cap).occupancy(16)
     assert refused.value.reason == "too_thin"
 

@@ -56,7 +56,7 @@ def as_one_file(path: Path, target: Path) -> tuple[str, float | None]:
                 raise Refused("too_large", f"{path.name} {error}.", "Simplify the mesh.") from None
             except MemoryError:
                 raise Refused(
-                    "too_large", f"{path.name} needs more memory than there is.", "Simplify the mesh."
+                    "too_large", f"{path.name} needs more memory than is available.", "Simplify the mesh."
                 ) from None
             except (ValueError, OSError) as error:
                 raise Refused(

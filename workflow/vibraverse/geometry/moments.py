@@ -1,7 +1,7 @@
 """Moments of a solid, and invariants made of them.
 
-With ``C = ∫ x xᵀ dV`` about the centre of mass, the eigenvalues of ``C / V^(5/3)`` and the area over ``V^(2/3)`` do not
-change when the solid is rotated, mirrored, moved, scaled or triangulated differently.
+``C = ∫ x xᵀ dV`` is taken about the centre of mass. The eigenvalues of ``C / V^(5/3)`` and the area over ``V^(2/3)``
+are invariant under rotation, mirroring, translation, scaling and another triangulation.
 """
 
 from __future__ import annotations

@@ -174,8 +174,8 @@ def separate(vertices: np.ndarray, faces: np.ndarray, distance: float) -> Mesh:
 def _paired(vertices: np.ndarray, faces: np.ndarray, edge: np.ndarray, count: np.ndarray) -> np.ndarray:
     """Return the edge numbers (3F,), with each edge of more than two faces split into pairs of faces.
 
-    Seen along the edge, a face that runs up it and the next one counter-clockwise that runs down it bound a wedge of
-    the solid, which lies to the left of both.
+    The solid lies to the left of a face. So, seen along the edge, a face that runs up it and the next one
+    counter-clockwise that runs down it bound a wedge of the solid.
     """
     halves, edge = surfaces.half_edges(faces), edge.copy()
     number = len(count)

@@ -1,9 +1,9 @@
 """The material-independent modal basis of a body.
 
 With E = ρ = 1 and the mesh in its own units, all parameters but Poisson's ratio ν only scale the problem. So the
-sparse problem is solved at one ν in the middle of the wanted range. The space of its modes then grows by corrections,
-at the ends of the range and wherever the estimated error is largest, until every frequency in the range is accurate
-enough (:mod:`vibraverse.physics.reduction`). The operators are projected onto that space U once:
+sparse problem is solved at one ν in the middle of the wanted range. The space of its modes then grows by corrections at
+the ends of the range and wherever the estimated error is largest. It is complete when every frequency in the range is
+accurate enough (:mod:`vibraverse.physics.reduction`). The operators are projected onto that space U once:
 
     A_λ = Uᵀ K_λ U,   A_μ = Uᵀ K_μ U,   Uᵀ M U = I.
 

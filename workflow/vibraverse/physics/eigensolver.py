@@ -47,9 +47,9 @@ _COUNT_TOLERANCE = 1e-3
 class Eigenpairs:
     """The lowest elastic eigenpairs, ascending: ``values`` (m,) are ω², ``vectors`` (n, m), ``vectorsᵀ M vectors = I``.
 
-    ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``. ``gap`` is the relative distance of the last value to the
-    next one, near zero where a multiplet is cut. ``method`` is the one that ran, ``solves`` the number of right-hand
-    sides that it solved or preconditioned, ``attempts`` the number of runs until the pairs were proven complete,
+    ``residuals`` (m,) are ``‖K u - ω² M u‖ / ‖ω² M u‖``. ``gap`` is the relative distance of the last value to the next
+    one, near zero where a multiplet is cut. ``method`` is the one that ran. ``solves`` is the number of right-hand
+    sides that it solved or preconditioned. ``attempts`` is the number of runs until the pairs were proven complete, and
     ``seconds`` the CPU time of all runs. ``shift`` is σ and ``factor`` the factorisation of ``K - σM`` for further
     solves, None for ``dense``.
     """

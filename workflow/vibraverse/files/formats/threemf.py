@@ -1,7 +1,7 @@
 """3MF packages: meshes, components and build items with their transforms.
 
-This module implements the geometry of the 3MF core specification 1.3 and the ``path`` attribute of its production
-extension, by which slicers keep each object in a separate file. The XML is parsed as a stream, so a small package that
+Implemented are the geometry of the 3MF core specification 1.3 and the ``path`` attribute of its production extension.
+By that attribute slicers keep each object in a separate file. The XML is parsed as a stream, so a small package that
 unpacks to a huge one costs no memory.
 """
 
@@ -161,7 +161,7 @@ class _Package:
         path = placed.path or default
         found = self.model(path).objects.get(placed.number)
         if found is None:
-            raise ValueError(f"there is no object {placed.number}")
+            raise ValueError(f"its object {placed.number} does not exist")
         inner = np.array(placed.matrix).reshape(4, 3)
         matrix = np.vstack([inner[:3] @ above[:3], inner[3] @ above[:3] + above[3]])
         points = found.points.array()

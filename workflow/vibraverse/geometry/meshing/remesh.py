@@ -4,7 +4,7 @@ Triangles inscribed in a curved surface lose volume, and that shifts the frequen
 high. So remeshing has two steps. Mmg keeps the given ridges (:mod:`vibraverse.geometry.meshing.ridges`) and makes
 well-shaped triangles within a bounded distance of the surface. Then the vertices move so that every triangle lies half
 inside and half outside the original. The mean height ``h_f`` of the original above face ``f`` is measured at three
-points, and each vertex takes the displacement ``u`` that minimises ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over its
+points. Each vertex takes the displacement ``u`` that minimises ``Σ_f A_f (n_f·u - h_f)² + ε Σ_f A_f |u|²`` over its
 faces. Planes and ridges do not move, because the original has no height above their faces. The vertices that moved
 then make up the remaining volume along their normals, in proportion to their motion.
 
