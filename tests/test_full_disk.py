@@ -81,7 +81,7 @@ def test_strike_with_its_temporary_folder_on_a_full_disk(cube, small_disk, tmp_p
     assert done.returncode == 1, done.stdout
     last = done.stderr.splitlines()[-1]
     assert last.startswith("vibraverse: ")
-    assert f" {NO_ROOM} The stages of strike work in {disk}; TMPDIR names another folder." in last
+    assert f" {NO_ROOM.rstrip('.')} (strike works in {disk}: set TMPDIR to a folder with more room)" in last
     assert "Traceback" not in done.stderr
     assert [path.name for path in disk.iterdir()] == ["full"]
     assert not (tmp_path / "cube.wav").exists()

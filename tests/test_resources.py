@@ -96,6 +96,6 @@ def test_the_snippet_names_every_rule(results):
 def test_nothing_measured_is_one_sentence(tmp_path, vibraverse):
     status, _, err = vibraverse("resources", "--results", tmp_path)
     assert (status, len(err.splitlines())) == (2, 1)
-    assert "journal notes no job that ended; run the workflow first" in err
+    assert "journal holds no job that ended; run the workflow first" in err
     status, _, err = vibraverse("resources", "--results", tmp_path, "--group-minutes", 0)
     assert "--group-minutes must be more than 0" in err

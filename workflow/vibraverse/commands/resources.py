@@ -29,7 +29,7 @@ def main(argv: list[str]) -> int:
     paths = run_paths(chosen)
     jobs = measured.read(paths)
     if not jobs:
-        raise UsageError(f"{paths.journal} notes no job that ended; run the workflow first")
+        raise UsageError(f"{paths.journal} holds no job that ended; run the workflow first")
     suggestions = measured.suggest(jobs, chosen.group_minutes)
     print(table(suggestions))
     sizes = measured.unknowns(paths)

@@ -128,7 +128,7 @@ def main(argv: list[str]) -> int:
         except NotStored as error:
             place = Path(folder).parent
             raise NotStored(
-                f"{error} The stages of strike work in {place}; TMPDIR names another folder."
+                f"{str(error).rstrip('.')} (strike works in {place}: set TMPDIR to a folder with more room)"
             ) from error
         except Refused as refused:
             about = "" if plan.mesh.name in refused.message else f"{plan.mesh.name}: "
