@@ -5,6 +5,7 @@ python benchmarks/status.py [objects]
 
 from __future__ import annotations
 
+import argparse
 import os
 import subprocess
 import sys
@@ -15,14 +16,15 @@ from pathlib import Path
 from vibraverse.config import parse
 from vibraverse.contract.refusal import Refusal
 from vibraverse.flow.plan import Plan
-from vibraverse.flow.targets import object_products
 from vibraverse.upkeep.lineage import jobs
 
 ROW = "s\th:m:s\tmax_rss\n2.5\t0:00:02\t100\n"
 
 
 def main() -> None:
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("objects", nargs="?", type=int, default=5000)
+    count = parser.parse_args().objects
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         Path("config.yaml").write_text(f"sources: {{generated: {{count: {count}}}, bundled: []}}\n")
@@ -46,16 +48,19 @@ def fake(plan: Plan, object_id: str, number: int) -> None:
     if kind == 9:
         return
     refusal = Refusal(object_id, "clean", "not_a_solid", "It is flat.").to_text() if kind == 8 else ""
-    sources = [str(path) for path in jobs(plan.paths, object_id)[0].outputs]
-    products = [*sources, *object_products(plan, object_id)]
+    made_by = jobs(plan.paths, object_id)
+    sources = made_by[0].places
+    products = [
+        output.record_in(made.place(name)) for made in made_by for name, output in made.step.outputs.items()
+    ]
     for path in products[:12] if kind == 7 else products:
         os.makedirs(os.path.dirname(path), exist_ok=True)
         with open(path, "w") as file:
             file.write("" if path in sources else refusal)
     folder = Path(f"results/benchmarks/{object_id}")
     folder.mkdir(parents=True)
-    for made in jobs(plan.paths, object_id):
-        (folder / ".".join(part for part in (made.step.stage, made.solidity, "tsv") if part)).write_text(ROW)
+    for made in made_by:
+        (folder / ".".join(part for part in (made.step.name, made.solidity, "tsv") if part)).write_text(ROW)
 
 
 if __name__ == "__main__":
