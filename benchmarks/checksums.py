@@ -5,7 +5,7 @@ python benchmarks/checksums.py [results/dataset/shards/*.h5]
 
 from __future__ import annotations
 
-import sys
+import argparse
 import tempfile
 import time
 from pathlib import Path
@@ -20,7 +20,9 @@ from vibraverse.dataset.schema.checksums import checksums
 
 
 def main() -> None:
-    shards = [Path(name) for name in sys.argv[1:]] or sorted(Path("results/dataset/shards").glob("*.h5"))
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("shards", nargs="*", type=Path, help="default: those of results/dataset")
+    shards = parser.parse_args().shards or sorted(Path("results/dataset/shards").glob("*.h5"))
     for shard in shards:
         with h5py.File(shard) as h5:
             groups = list(h5["objects"].values())

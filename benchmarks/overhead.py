@@ -1,14 +1,25 @@
-"""Overhead of a run besides computing: process starts, imports and Snakemake, for many small objects.
+"""Overhead of a run besides computing: process starts, imports, images, Slurm and Snakemake, for many small objects.
 
-python benchmarks/overhead.py [OBJECTS] [--only plain|warm] [--repeat OBJECTS]
+python benchmarks/overhead.py [OBJECTS] [--on KIND ...] [--normal] [--repeat OBJECTS]
 
-Runs the whole workflow on compact generated objects with one core, with every job as a new process (plain) and as a
-fork of a warm process (warm, the default). Then it repeats the command of every job, taken from its log, in one process
-in which everything is imported and compiled, and child processes are plain calls. The time of that is the useful
-computing; the rest of a run's time is overhead.
-With --repeat, only the jobs of that many random objects are repeated, and their mean is used for all.
-Times are CPU seconds of all processes, so that other work on the machine affects them little. They do not include
-waiting for the disk.
+Runs the whole workflow on generated objects, once for each kind:
+
+plain          a workstation, every job a new process
+warm           a workstation, jobs are forks of a warm process (the default of a run)
+images         the same, every job in its family's image (make containers)
+slurm          Slurm, a group of objects a job (profile slurm with its groups)
+slurm-images   the same, in images
+slices         Slurm, a slice of the objects a job (vibraverse submit)
+slices-images  the same, in images
+
+Then it repeats the command of every job, taken from its log, in one process in which everything is imported and
+compiled, and child processes are plain calls. The time of that is the useful computing; the rest of a run's time is
+overhead. With --repeat, only the jobs of that many random objects are repeated, and their mean is used for all.
+Objects are compact, the hardest case; with --normal they are those of the default run.
+
+Times are CPU seconds. On a workstation they are those of the run's processes, so other work on the machine affects them
+little. Slurm's daemons start jobs themselves, so there the whole machine counts: leave it idle. Waiting is not included.
+tests/cluster/slurm.sh start makes a Slurm of this machine.
 """
 
 from __future__ import annotations
@@ -23,6 +34,7 @@ import shlex
 import subprocess
 import sys
 import tempfile
+import time
 from collections import Counter, defaultdict
 from pathlib import Path
 
@@ -34,26 +46,57 @@ tets: {{target_elements: 1500}}
 basis: {{modes: 32}}
 images: {{looks: [clay]}}
 """
+NORMAL = """\
+sources: {{generated: {{count: {count}}}, bundled: []}}
+"""
+
+#: What a Slurm without accounts needs, and short waits.
+SLURM = (
+    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "8", "--latency-wait", "20",
+)  # fmt: skip
 
 
-def snakemake(folder: Path, variables: dict[str, str]) -> float:
-    """Run the workflow; return the CPU seconds of all its processes, including those that outlive it."""
+def run(kind: str, folder: Path) -> float:
+    """Run the workflow of a kind in a folder; return the CPU seconds that it takes."""
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
-    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
-    command = [
-        sys.executable, "-m", "snakemake", "--snakefile", str(ROOT / "Snakefile"), "--cores", "1",
-        "--workflow-profile", str(ROOT / "workflow/profiles/default"),
-    ]  # fmt: skip
-    before = cpu_s()
-    done = subprocess.run(
-        command, cwd=folder, env={**os.environ, "PATH": path, **variables}, capture_output=True, text=True
+    on_slurm, in_images = kind.startswith(("slurm", "slices")), kind.endswith("images")
+    profile = "-".join(
+        filter(None, ("slurm" if kind.startswith("slurm") else "", "apptainer" if in_images else ""))
     )
+    profile = ROOT / "workflow/profiles" / (profile or "default")
+    snakefile = ["--snakefile", str(ROOT / "Snakefile"), "--workflow-profile", str(profile)]
+    if kind.startswith("slices"):
+        submit = ["-m", "vibraverse", "submit", "--slices", "1", "--cores", "1", "--mem-mb", "12000"]
+        command = [sys.executable, *submit, "--profile", str(profile)]
+    else:
+        cores = SLURM if on_slurm else ("--cores", "1")
+        command = [sys.executable, "-m", "snakemake", *snakefile, *cores]
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+    environment = {**os.environ, "PATH": path, **({"VIBRAVERSE_WARM": ""} if kind == "plain" else {})}
+    measure = machine_cpu_s if on_slurm else cpu_s
+    before = measure()
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True)
+    if done.returncode != 0:
+        sys.exit(done.stdout + done.stderr)
+    if kind.startswith("slices"):
+        wait_for_slurm()
     with contextlib.suppress(ChildProcessError):
         while True:
             os.wait()
-    if done.returncode != 0:
-        sys.exit(done.stdout + done.stderr)
-    return cpu_s() - before
+    return measure() - before
+
+
+def wait_for_slurm() -> None:
+    """Wait until the queue is empty."""
+    while subprocess.run(["squeue", "-h", "--me"], capture_output=True, text=True, check=True).stdout.strip():
+        time.sleep(2)
+
+
+def machine_cpu_s() -> float:
+    """Return the CPU seconds that all processes of this machine have taken."""
+    with open("/proc/stat", encoding="ascii") as file:
+        user, nice, system, _, _, irq, soft, *_ = map(int, file.readline().split()[1:])
+    return (user + nice + system + irq + soft) / os.sysconf("SC_CLK_TCK")
 
 
 def cpu_s() -> float:
@@ -66,13 +109,15 @@ def replay(folder: Path, objects: int | None) -> tuple[dict[str, list[float]], d
     """Repeat jobs in this process; return stage -> seconds of each job but the first, and stage -> number of jobs."""
     from vibraverse import cli
     from vibraverse.contract import limits
+    from vibraverse.flow.steps import VERSIONS
+    from vibraverse.machine.threads import set_threads
 
     def call(function, *arguments, **_):
         return function(*arguments)
 
     limits.run_limited = call
     os.chdir(folder)
-    cli.set_threads(1)
+    set_threads(1)
     logs = sorted(Path("results/logs").rglob("*.log"), key=lambda path: path.stat().st_mtime)
     made = sorted(log.parent.name for log in logs if log.name == "sources.log")
     chosen = set(random.Random(0).sample(made, objects or len(made)))
@@ -80,7 +125,7 @@ def replay(folder: Path, objects: int | None) -> tuple[dict[str, list[float]], d
     useful, jobs = defaultdict(list), Counter()
     for log in logs:
         command = shlex.split(log.read_text(encoding="utf-8").splitlines()[0])
-        if command[0] != "vibraverse" or command[1] not in cli.STAGES:
+        if command[0] != "vibraverse" or command[1] not in VERSIONS:
             continue
         kind = log.name
         jobs[command[1]] += 1
@@ -115,21 +160,25 @@ def report(totals: dict[str, float], useful: dict[str, list[float]], jobs: dict[
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("objects", type=int, nargs="?", default=10)
-    parser.add_argument("--only", choices=("plain", "warm"), help="leave the other run out")
+    kinds = ("plain", "warm", "images", "slurm", "slurm-images", "slices", "slices-images")
+    parser.add_argument("--on", nargs="+", choices=kinds, default=("plain", "warm"), help="kinds of run")
+    parser.add_argument("--normal", action="store_true", help="objects of the default run, not compact ones")
     parser.add_argument(
         "--repeat", type=int, metavar="OBJECTS", help="repeat the jobs of so many (default: all)"
     )
     chosen = parser.parse_args()
-    runs = {"plain": {"VIBRAVERSE_WARM": ""}, "warm": {}}
     totals = {}
-    with tempfile.TemporaryDirectory(prefix="vibraverse-overhead-") as kept:
-        for name in [chosen.only] if chosen.only else runs:
-            folder = Path(kept, name)
+    # Below the working folder, which nodes and images see.
+    with tempfile.TemporaryDirectory(prefix="vibraverse-overhead-", dir=".") as kept:
+        for kind in chosen.on:
+            folder = Path(kept, kind).absolute()
             folder.mkdir()
-            (folder / "config.yaml").write_text(CONFIG.format(count=chosen.objects))
-            totals[name] = snakemake(folder, runs[name])
+            config = NORMAL if chosen.normal else CONFIG
+            (folder / "config.yaml").write_text(config.format(count=chosen.objects))
+            totals[kind] = run(kind, folder)
+        back = os.getcwd()
         useful, jobs = replay(folder, chosen.repeat)
-        os.chdir("/")
+        os.chdir(back)
     report(totals, useful, jobs)
 
 

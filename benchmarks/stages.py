@@ -5,6 +5,7 @@ python benchmarks/stages.py [results]
 
 from __future__ import annotations
 
+import argparse
 import sys
 from collections import defaultdict
 
@@ -14,7 +15,9 @@ from vibraverse.upkeep import measured
 
 
 def main() -> None:
-    results = sys.argv[1] if len(sys.argv) > 1 else "results"
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("results", nargs="?", default="results")
+    results = parser.parse_args().results
     stages = defaultdict(list)
     for job in measured.read(Paths(results)).values():
         stages[job.stage].append(job)

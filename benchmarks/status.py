@@ -5,7 +5,11 @@ python benchmarks/status.py [objects]
 
 from __future__ import annotations
 
+<<<<<<< HEAD
 import json
+=======
+import argparse
+>>>>>>> docs
 import os
 import subprocess
 import sys
@@ -19,7 +23,10 @@ from vibraverse.contract import journal
 from vibraverse.contract.journal import Ended, Mark
 from vibraverse.contract.refusal import Refusal
 from vibraverse.flow.plan import Plan
+<<<<<<< HEAD
 from vibraverse.upkeep import progress
+=======
+>>>>>>> docs
 from vibraverse.upkeep.lineage import jobs
 
 #: Numbers of working and killed jobs, and a process number above Linux's maximum.
@@ -27,7 +34,9 @@ WORKING, KILLED, GONE = 100, 100, 2**22 + 1
 
 
 def main() -> None:
-    count = int(sys.argv[1]) if len(sys.argv) > 1 else 5000
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("objects", nargs="?", type=int, default=5000)
+    count = parser.parse_args().objects
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
         Path("config.yaml").write_text(f"sources: {{generated: {{count: {count}}}, bundled: []}}\n")
@@ -54,6 +63,7 @@ def fake(plan: Plan, object_id: str, number: int) -> None:
     if kind == 9:
         return
     refusal = Refusal(object_id, "clean", "not_a_solid", "It is flat.").to_text() if kind == 8 else ""
+<<<<<<< HEAD
     files = [(one.stage, "/".join(file)) for one in progress.kinds_of(plan) for file in one.files]
     for stage, file in files[:12] if kind == 7 else files:
         path = f"results/objects/{object_id}/{file}"
@@ -80,6 +90,21 @@ def begin(plan: Plan) -> list[Mark]:
         mark.file.write_text(json.dumps({**asdict(mark.worker), "process": GONE}))
         mark.release()
     return [run, *marks]
+=======
+    made_by = jobs(plan.paths, object_id)
+    sources = made_by[0].places
+    products = [
+        output.record_in(made.place(name)) for made in made_by for name, output in made.step.outputs.items()
+    ]
+    for path in products[:12] if kind == 7 else products:
+        os.makedirs(os.path.dirname(path), exist_ok=True)
+        with open(path, "w") as file:
+            file.write("" if path in sources else refusal)
+    folder = Path(f"results/benchmarks/{object_id}")
+    folder.mkdir(parents=True)
+    for made in made_by:
+        (folder / ".".join(part for part in (made.step.name, made.solidity, "tsv") if part)).write_text(ROW)
+>>>>>>> docs
 
 
 if __name__ == "__main__":

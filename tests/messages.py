@@ -130,7 +130,11 @@ def misformed(text: str, refusal: bool) -> list[str]:
     if not refusal and text.endswith((".", "!", "?")) and not text.endswith("then repeat the command."):
         found.append("has a stop")
     first = text.split()[0]
-    if not refusal and first[0].isupper() and first.rstrip(":") not in ("Slurm", "Parquet", "Objaverse", "Snakemake"):
+    if (
+        not refusal
+        and first[0].isupper()
+        and first.rstrip(":") not in ("Slurm", "Parquet", "Objaverse", "Snakemake")
+    ):
         found.append("begins with a capital")
     if refusal and re.match(r"(the|a|an|this|no|all|only|every|it) ", text):
         found.append("begins small")

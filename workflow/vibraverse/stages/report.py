@@ -26,7 +26,9 @@ def run(job: Job) -> None:
     try:
         index = read_index(job.inputs["index"], job.inputs["shards"])
     except (OSError, ValueError) as error:
-        raise UsageError(f"report: {job.inputs['index']} is not the index.h5 of a dataset: {error}; run the workflow again") from None
+        raise UsageError(
+            f"report: {job.inputs['index']} is not the index.h5 of a dataset: {error}; run the workflow again"
+        ) from None
     with Reader(index) as reader:
         cards, assets = render.gather(reader, job.options.max_objects)
         warned, refusals = warnings(reader), reader.refusals
