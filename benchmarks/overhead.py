@@ -17,7 +17,7 @@ compiled, and child processes are plain calls. The time of that is the useful co
 overhead. With --repeat, only the jobs of that many random objects are repeated, and their mean is used for all.
 Objects are compact, the hardest case; with --normal they are those of the default run.
 
-Times are CPU seconds. On a workstation they are those of the run's processes, so other work on the machine affects them
+Times are CPU seconds. On a workstation they are those of the run itself, so other work on the machine affects them
 little. Slurm's daemons start jobs themselves, so there the whole machine counts: leave it idle. Waiting is not included.
 tests/cluster/slurm.sh start makes a Slurm of this machine.
 """

@@ -5,11 +5,8 @@ python benchmarks/status.py [objects]
 
 from __future__ import annotations
 
-<<<<<<< HEAD
-import json
-=======
 import argparse
->>>>>>> docs
+import json
 import os
 import subprocess
 import sys
@@ -23,10 +20,7 @@ from vibraverse.contract import journal
 from vibraverse.contract.journal import Ended, Mark
 from vibraverse.contract.refusal import Refusal
 from vibraverse.flow.plan import Plan
-<<<<<<< HEAD
 from vibraverse.upkeep import progress
-=======
->>>>>>> docs
 from vibraverse.upkeep.lineage import jobs
 
 #: Numbers of working and killed jobs, and a process number above Linux's maximum.
@@ -35,7 +29,7 @@ WORKING, KILLED, GONE = 100, 100, 2**22 + 1
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("objects", nargs="?", type=int, default=5000)
+    parser.add_argument("objects", type=int, nargs="?", default=5000)
     count = parser.parse_args().objects
     with tempfile.TemporaryDirectory() as folder:
         os.chdir(folder)
@@ -63,7 +57,6 @@ def fake(plan: Plan, object_id: str, number: int) -> None:
     if kind == 9:
         return
     refusal = Refusal(object_id, "clean", "not_a_solid", "It is flat.").to_text() if kind == 8 else ""
-<<<<<<< HEAD
     files = [(one.stage, "/".join(file)) for one in progress.kinds_of(plan) for file in one.files]
     for stage, file in files[:12] if kind == 7 else files:
         path = f"results/objects/{object_id}/{file}"
@@ -90,21 +83,6 @@ def begin(plan: Plan) -> list[Mark]:
         mark.file.write_text(json.dumps({**asdict(mark.worker), "process": GONE}))
         mark.release()
     return [run, *marks]
-=======
-    made_by = jobs(plan.paths, object_id)
-    sources = made_by[0].places
-    products = [
-        output.record_in(made.place(name)) for made in made_by for name, output in made.step.outputs.items()
-    ]
-    for path in products[:12] if kind == 7 else products:
-        os.makedirs(os.path.dirname(path), exist_ok=True)
-        with open(path, "w") as file:
-            file.write("" if path in sources else refusal)
-    folder = Path(f"results/benchmarks/{object_id}")
-    folder.mkdir(parents=True)
-    for made in made_by:
-        (folder / ".".join(part for part in (made.step.name, made.solidity, "tsv") if part)).write_text(ROW)
->>>>>>> docs
 
 
 if __name__ == "__main__":
