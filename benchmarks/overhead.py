@@ -18,7 +18,7 @@ overhead. With --repeat, only the jobs of that many random objects are repeated,
 Objects are compact, the hardest case; with --normal they are those of the default run.
 
 Times are CPU seconds. On a workstation they are those of the run itself, so other work on the machine affects them
-little. Slurm's daemons start jobs themselves, so there the whole machine counts: leave it idle. Waiting is not included.
+little. Slurm's daemons start jobs themselves, so there the whole machine counts: leave it idle. Waiting is not in them.
 tests/cluster/slurm.sh start makes a Slurm of this machine.
 """
 
