@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import json
 import os
 import shlex
@@ -13,6 +12,7 @@ from pathlib import Path
 import pytest
 
 import make_products
+from vibraverse.config import section
 from vibraverse.contract import products
 from vibraverse.contract.refusal import Refusal, read_refusal
 from vibraverse.flow.paths import Paths
@@ -129,7 +129,7 @@ def test_retried_refusals_run_again_in_a_finished_run(run, vibraverse):
     """The report exists and is up to date; the refused products must still be remade."""
     paths = Paths(run.folder / "results")
     for made in jobs(paths, "bar-0000"):
-        if made.solidity == "hollow" and made.step.stage != "tets":
+        if made.solidity == "hollow" and made.step.name != "tets":
             times = made.record.stat()
             for path in made.outputs:
                 products.write_text(path, Refusal("bar-0000", "basis", "solve_failed", "No.").to_text())
@@ -157,7 +157,7 @@ def options_of(words: list[str]) -> tuple[list[str], str]:
 
 def test_the_table_of_stages_says_what_the_rules_do(finished, monkeypatch):
     monkeypatch.chdir(finished.folder)
-    made_by_stage = {made.step.stage for made in jobs(Paths("results"), "bar-0000")}
+    made_by_stage = {made.step.name for made in jobs(Paths("results"), "bar-0000")}
     assert made_by_stage == {
         "sources",
         "clean",
@@ -170,13 +170,15 @@ def test_the_table_of_stages_says_what_the_rules_do(finished, monkeypatch):
         "audio",
     }
     for made in jobs(Paths("results"), "bar-0000"):
-        name = ".".join(part for part in (made.step.stage, made.solidity, "log") if part)
+        name = ".".join(part for part in (made.step.name, made.solidity, "log") if part)
         logged = Path("results/logs/bar-0000", name).read_text().splitlines()[0]
         words, options = options_of(shlex.split(logged))
         found, found_options = options_of(shlex.split(made.command()))
         assert sorted(found) == sorted(words)
-        section = importlib.import_module(f"vibraverse.stages.{made.step.stage}").STAGE.options
-        assert section.model_validate_json(found_options) == section.model_validate_json(options)
+        options_of_step = section(made.step.options)
+        assert options_of_step.model_validate_json(found_options) == options_of_step.model_validate_json(
+            options
+        )
 
 
 def test_the_commands_of_a_product_remake_it(finished, run, vibraverse, monkeypatch):
