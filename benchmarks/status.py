@@ -16,6 +16,7 @@ from pathlib import Path
 from vibraverse.config import parse
 from vibraverse.contract.refusal import Refusal
 from vibraverse.flow.plan import Plan
+from vibraverse.flow.targets import sounds, views
 from vibraverse.upkeep.lineage import jobs
 
 ROW = "s\th:m:s\tmax_rss\n2.5\t0:00:02\t100\n"
@@ -50,9 +51,16 @@ def fake(plan: Plan, object_id: str, number: int) -> None:
     refusal = Refusal(object_id, "clean", "not_a_solid", "It is flat.").to_text() if kind == 8 else ""
     made_by = jobs(plan.paths, object_id)
     sources = made_by[0].places
-    products = [
-        output.record_in(made.place(name)) for made in made_by for name, output in made.step.outputs.items()
+    single = (
+        made.place(name) for made in made_by for name in made.step.outputs if name not in made.step.folders
+    )
+    several = [plan.paths.at(view, object=object_id) for view in views(plan)]
+    several += [
+        plan.paths.at(sound, object=object_id, solidity=solidity)
+        for solidity in plan.config.solidities
+        for sound in sounds(plan)
     ]
+    products = [*single, *several]
     for path in products[:12] if kind == 7 else products:
         os.makedirs(os.path.dirname(path), exist_ok=True)
         with open(path, "w") as file:
