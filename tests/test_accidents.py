@@ -76,7 +76,8 @@ def test_a_full_disk_leaves_nothing_and_one_sentence(made, right, small_disk, si
     assert done.returncode == 1
     # HDF5 may say more before.
     assert done.stderr.splitlines()[-1] == (
-        f"vibraverse: dataset: {shard} cannot be written: No space left on device; free some space, then repeat the command."
+        f"vibraverse: dataset: {shard} cannot be written: No space left on device; free some space, then repeat the "
+        "command."
     )
     assert list(shard.parent.iterdir()) == []
     small_disk("size=100m", remount=True)
@@ -101,8 +102,8 @@ def test_a_read_only_folder_is_one_sentence(made, small_disk):
         done = pack(made, shard)
         assert done.returncode == 1
         assert done.stderr.splitlines()[-1] == (
-            f"vibraverse: dataset: {shard} cannot be written: Read-only file system; make it writable, or choose another results "
-            "folder, then repeat the command."
+            f"vibraverse: dataset: {shard} cannot be written: Read-only file system; make it writable, or choose "
+            "another results folder, then repeat the command."
         )
         assert list(place.iterdir()) == []
     small_disk("rw", remount=True)
