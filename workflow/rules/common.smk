@@ -2,13 +2,13 @@
 import sys
 from functools import partial
 
-from vibraverse.machine import internals, preflight
-from vibraverse.flow import targets
-from vibraverse.machine.containers import image
-from vibraverse.flow.plan import Plan
 from vibraverse.contract.products import text_sha256
+from vibraverse.flow import targets
+from vibraverse.flow.plan import Plan
 from vibraverse.flow.resources import memory, minutes
 from vibraverse.flow.steps import VERSIONS
+from vibraverse.machine import internals, preflight
+from vibraverse.machine.containers import image
 
 # Snakemake would merge a file given with --configfile into config.yaml; here it is the whole configuration, so that the
 # run is what `vibraverse config show FILE` prints. Single keys of --config override either.
