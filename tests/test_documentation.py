@@ -149,6 +149,20 @@ def clone(finished, tmp_path_factory) -> Run:
     return run
 
 
+#: Commands that have run, with their placeholders filled in: pages repeat each other, and a run is enough.
+RAN: set[str] = set()
+
+
+def runs(folder: Path, command: str, place: str) -> None:
+    """Run a command of a page, unless another page showed it."""
+    runnable = made_runnable(command)
+    if runnable in RAN:
+        return
+    done = shell(folder, runnable)
+    assert done.returncode == 0, f"{place}: {command}\n{done.stdout}{done.stderr}"
+    RAN.add(runnable)
+
+
 def shell(folder: Path, command: str) -> subprocess.CompletedProcess:
     """Run a command in a clone as a user would, with the stand-ins beside it first in the PATH."""
     environment = {
@@ -176,14 +190,12 @@ def test_a_block_of_commands_runs(block, copied):
     for command in documented.commands(block.text):
         assert command.startswith(FIRST_WORDS), f"{block.place}: is {command!r} a command?"
         if not reason(command):
-            done = shell(copied, made_runnable(command))
-            assert done.returncode == 0, f"{block.place}: {command}\n{done.stdout}{done.stderr}"
+            runs(copied, command, block.place)
 
 
 @pytest.mark.parametrize("command", SPANS)
 def test_a_command_amid_a_sentence_runs(command, copied):
-    done = shell(copied, made_runnable(command))
-    assert done.returncode == 0, f"{SPANS[command]}: {command}\n{done.stdout}{done.stderr}"
+    runs(copied, command, SPANS[command])
 
 
 def test_commands_named_amid_a_sentence_exist():

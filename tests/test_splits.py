@@ -139,7 +139,9 @@ def test_kept_splits_stay_and_the_others_fill_the_shares():
 
 def test_a_missing_table_of_kept_splits_is_one_sentence(tmp_path):
     sources = {"generated": {"count": 1}, "bundled": []}
-    with pytest.raises(ConfigError, match=r"^dataset\.keep_splits: the file nowhere\.tsv does not exist; name the "):
+    with pytest.raises(
+        ConfigError, match=r"^dataset\.keep_splits: the file nowhere\.tsv does not exist; name the "
+    ):
         Plan({"sources": sources, "dataset": {"keep_splits": "nowhere.tsv"}})
     (tmp_path / "splits.tsv").write_text("object\tsplit\tcopy_of\n")
     plan = Plan({"sources": sources, "dataset": {"keep_splits": str(tmp_path / "splits.tsv")}})
