@@ -1,6 +1,6 @@
 """Overhead of a run besides computing: process starts, imports, images, Slurm and Snakemake, for many small objects.
 
-python benchmarks/overhead.py [OBJECTS] [--on KIND ...] [--normal] [--repeat OBJECTS]
+python benchmarks/overhead.py [OBJECTS] [--on KIND ...] [--until STAGE] [--normal] [--repeat OBJECTS]
 
 Runs the whole workflow on generated objects, once for each kind:
 
@@ -56,8 +56,8 @@ SLURM = (
 )  # fmt: skip
 
 
-def run(kind: str, folder: Path) -> float:
-    """Run the workflow of a kind in a folder; return the CPU seconds that it takes."""
+def run(kind: str, folder: Path, until: list[str]) -> float:
+    """Run the workflow of a kind in a folder, up to a stage; return the CPU seconds that it takes."""
     ctypes.CDLL(None).prctl(_PR_SET_CHILD_SUBREAPER, 1)
     on_slurm, in_images = kind.startswith(("slurm", "slices")), kind.endswith("images")
     profile = "-".join(
@@ -67,10 +67,10 @@ def run(kind: str, folder: Path) -> float:
     snakefile = ["--snakefile", str(ROOT / "Snakefile"), "--workflow-profile", str(profile)]
     if kind.startswith("slices"):
         submit = ["-m", "vibraverse", "submit", "--slices", "1", "--cores", "1", "--mem-mb", "12000"]
-        command = [sys.executable, *submit, "--profile", str(profile)]
+        command = [sys.executable, *submit, "--profile", str(profile), "--", *until]
     else:
         cores = SLURM if on_slurm else ("--cores", "1")
-        command = [sys.executable, "-m", "snakemake", *snakefile, *cores]
+        command = [sys.executable, "-m", "snakemake", *snakefile, *cores, *until]
     path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     environment = {**os.environ, "PATH": path, **({"VIBRAVERSE_WARM": ""} if kind == "plain" else {})}
     measure = machine_cpu_s if on_slurm else cpu_s
@@ -162,6 +162,7 @@ def main() -> None:
     parser.add_argument("objects", type=int, nargs="?", default=10)
     kinds = ("plain", "warm", "images", "slurm", "slurm-images", "slices", "slices-images")
     parser.add_argument("--on", nargs="+", choices=kinds, default=("plain", "warm"), help="kinds of run")
+    parser.add_argument("--until", metavar="STAGE", help="the chain up to a stage: audio takes two images")
     parser.add_argument("--normal", action="store_true", help="objects of the default run, not compact ones")
     parser.add_argument(
         "--repeat", type=int, metavar="OBJECTS", help="repeat the jobs of so many (default: all)"
@@ -175,7 +176,7 @@ def main() -> None:
             folder.mkdir()
             config = NORMAL if chosen.normal else CONFIG
             (folder / "config.yaml").write_text(config.format(count=chosen.objects))
-            totals[kind] = run(kind, folder)
+            totals[kind] = run(kind, folder, ["--until", chosen.until] if chosen.until else [])
         back = os.getcwd()
         useful, jobs = replay(folder, chosen.repeat)
         os.chdir(back)
