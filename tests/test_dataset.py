@@ -265,7 +265,7 @@ def test_a_missing_product_is_one_sentence(tmp_path, vibraverse, missing):
         "dataset", "--shard", shard, "--options", make_products.options(paths.results, ["bar-0000"])
     )
     assert status == 2
-    assert f"bar-0000/{missing} does not exist; `vibraverse repair --results" in errors.splitlines()[-1]
+    assert f"bar-0000/{missing} does not exist; run `vibraverse repair --results" in errors.splitlines()[-1]
     assert "Traceback" not in errors
     assert not shard.exists()
 

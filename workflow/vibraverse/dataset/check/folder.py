@@ -151,7 +151,7 @@ def _shard(path: Path, name: str, share: float, trusted: bool) -> Iterator[Findi
         try:
             found = run_limited(_inside, str(path), share, **limits, what="Reading it")
         except Refused as refused:
-            found = [("", refused.message)]
+            found = [("", _finding(refused))]
     yield from (Finding(name, *one) for one in found)
 
 
@@ -167,6 +167,11 @@ def _inside(path: str, share: float) -> list[tuple[str, str]]:
             return problems(h5, repeats(share))
     except OSError as error:
         return [("", f"HDF5 cannot open it ({said(error)})")]
+
+
+def _finding(refused: Refused) -> str:
+    """Return a refusal's sentence as a finding's, which follows the name of a file."""
+    return (refused.message[:1].lower() + refused.message[1:]).rstrip(".")
 
 
 def _table(path: Path, name: str) -> list[Finding]:
@@ -195,7 +200,7 @@ def _columns(file: Path, index) -> list[Finding]:
     try:
         found = run_limited(_differences, file, index, **limits, what="reading it")
     except Refused as refused:
-        found = [("", refused.message)]
+        found = [("", _finding(refused))]
     return [Finding(file.name, *one) for one in found]
 
 
