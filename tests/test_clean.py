@@ -382,4 +382,4 @@ def test_the_limits_hold_while_the_file_is_read(tmp_path, vibraverse, edges):
         assert json.loads((tmp_path / "b.json").read_text())["source_triangles"] == 12
     else:
         assert refusal.reason == "limit"
-        assert refusal.message == "reading and repairing the mesh needed more than 350 MB."
+        assert refusal.message == "Reading and repairing the mesh needed more than 350 MB."

@@ -273,7 +273,7 @@ def test_the_configuration_lies_beside_the_dataset_and_plans_the_same_run(run, v
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("nowhere.h5",), "the file nowhere.h5 does not exist"),
+        (("nowhere.h5",), "nowhere.h5 does not exist; name a product"),
         (("config.yaml",), "config.yaml is not in a results folder"),
         (("results/objects/bar-0000/other.txt",), "is not a product of a stage"),
         (("results/dataset/index.tsv", "--object", "bar-0001"), "index.tsv holds no object 'bar-0001'"),

@@ -56,7 +56,7 @@ def test_each_way_of_not_being_readable_has_its_words(tmp_path, closed):
 @pytest.mark.parametrize(
     ("arguments", "sentence"),
     [
-        (("provenance", "none"), "none does not exist"),
+        (("provenance", "none"), "none does not exist; name a product, as in results/objects/ID/surface.ply"),
         (
             ("provenance", "results"),
             "results is a folder; name a product in it, such as results/verdict.json",
@@ -67,11 +67,14 @@ def test_each_way_of_not_being_readable_has_its_words(tmp_path, closed):
         ),
         (("provenance", "empty"), "empty is a folder; name a product"),
         (("config", "check", "results"), "the configuration file results is a folder; name a file in it"),
-        (("status", "--config", "none"), "the configuration file none does not exist"),
+        (
+            ("status", "--config", "none"),
+            "the configuration file none does not exist; create it, or name another one",
+        ),
         (("strike", "results"), "the mesh file results is a folder; name a file in it"),
-        (("strike", "none.obj"), "the mesh file none.obj does not exist"),
+        (("strike", "none.obj"), "the mesh file none.obj does not exist; name an existing file"),
         (("refusals", "--record", "results"), "results is a folder; name dataset.json in it"),
-        (("refusals", "--record", "none"), "none does not exist; is the dataset finished?"),
+        (("refusals", "--record", "none"), "none does not exist; finish the run, which makes the dataset"),
         (("validation", "--record", "results"), "results is a folder; name validation.json in it"),
         (("validation", "--record", "none"), "none does not exist; `snakemake validation` makes it"),
         (("check", "none"), "none does not exist; name a dataset's folder, or a shard"),
@@ -87,7 +90,7 @@ def test_each_way_of_not_being_readable_has_its_words(tmp_path, closed):
         ),
         (
             ("grids", "--object", "a", "--surface", "none", "--grids", "a.h5", "--coarse", "a.obj"),
-            "grids: the input none does not exist",
+            "grids: the input none does not exist; name an existing file",
         ),
     ],
 )

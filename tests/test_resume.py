@@ -31,7 +31,7 @@ class Options(BaseModel):
 
 STEP = Step(
     name="count", version=int(os.environ.get("VERSION", "1")), help="", per=OBJECT, family="fem",
-    inputs={"first": Input("", "")}, outputs={"sum": Output("", ""), "squares": Output("", "")},
+    inputs={"first": Input("", "")}, outputs={"sum": Output("", "", ""), "squares": Output("", "", "")},
 )
 
 def count(job):

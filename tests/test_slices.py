@@ -33,7 +33,7 @@ def test_slices_share_the_shards_without_overlap_or_rest(slices, shards):
 
 @pytest.mark.parametrize("text", ["", "3", "0/5", "6/5", "-1/5", "1/0", "a/b", "1/2/3", "1.0/2", "all"])
 def test_what_is_no_slice_is_one_sentence(text):
-    with pytest.raises(ValueError, match=r"is neither 'join' nor a slice such as 3/50"):
+    with pytest.raises(ValueError, match=r"is not a slice; write 'join', or 3/50"):
         slice_numbers(text)
     with pytest.raises(ConfigError, match=r"^slice: "):
         parse({"slice": text})

@@ -140,7 +140,7 @@ def _recorded(record: Path) -> State:
     """Return the state from a finished dataset: its ``dataset.json`` and the table beside it."""
     table = record.with_name("refusals.tsv")
     for path in (record, table):
-        missing = "so the dataset is not finished: finish the run first"
+        missing = "finish the run, which makes the dataset"
         if wrong := unreadable(path, missing=missing, folder="name dataset.json in it"):
             raise UsageError(f"{path} {wrong}")
     said = products.read_json(record)
