@@ -221,7 +221,7 @@ def test_a_script_makes_all_objects_and_keeps_the_splits(tmp_path, vibraverse):
     make_products.index(tmp_path, shards, f"--kept={kept}")
     vibraverse()  # forget what the stages said
     _, out, _ = vibraverse("provenance", paths.index)
-    assert out.startswith("# 4 objects, of which --object ID shows one")
+    assert out.startswith("# 4 objects, each made from a source of its own; --object ID shows one.")
     _, out, _ = vibraverse("provenance", paths.index, "--commands")
     commands = [shlex.split(line) for line in out.splitlines()]
     assert [words[3] for words in commands if words[1] == "clean"] == list(names)

@@ -297,6 +297,7 @@ def test_loops_on_read_only_storage_are_copied(monkeypatch, tmp_path):
     kept.mkdir(parents=True)
     (kept / "loop.nbi").write_text("compiled")
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(kept.parent))
+    monkeypatch.delitem(sys.modules, "numba", raising=False)  # which other tests may have loaded
     compiled.use_compiled_loops()
     assert compiled.os.environ["NUMBA_CACHE_DIR"] == str(kept.parent), "what can be written is used in place"
     monkeypatch.setattr(compiled.os, "access", lambda *_: False)
