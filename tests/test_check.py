@@ -151,7 +151,7 @@ def test_flips_beside_the_shards_are_found(dataset, name):
     draw = random.Random(3)
     path = dataset / name
     kept = path.read_bytes()
-    for _ in range(25):
+    for _ in range(8 if name == "index.h5" else 25):  # a limited child reads that one for every flip
         flip(path, draw.randrange(len(kept)), draw.randrange(8))
         found = list(folder.findings(dataset))
         # Of dataset.json and its line in SHA256SUMS either may be the wrong one.
