@@ -130,7 +130,13 @@ STEPS = (
         record="basis",
         options="physics:Basis",
         libraries=("numpy", "scipy", "scikit-fem", "pypardiso"),
-        imports=("vibraverse.physics.basis", "vibraverse.files.basis", "pypardiso", "skfem"),
+        imports=(
+            "vibraverse.physics.basis",
+            "vibraverse.physics.breakdown",
+            "vibraverse.files.basis",
+            "pypardiso",
+            "skfem",
+        ),
     ),
     Step(
         name="modes",

@@ -98,7 +98,8 @@ def preparation() -> list[Callable[[], object]]:
     set_threads(1)
     stages = [f"vibraverse.stages.{step.name}" for step in STEPS]
     imported = dict.fromkeys(name for step in STEPS for name in step.imports)
-    imports = [partial(importlib.import_module, name) for name in (*stages, *imported)]
+    own = "vibraverse.flow.paths"  # which the command line imports itself
+    imports = [partial(importlib.import_module, name) for name in (own, *stages, *imported)]
     return [*imports, *(partial(_prepare, name) for name in stages)]
 
 
