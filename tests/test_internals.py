@@ -241,3 +241,25 @@ def test_evaluations_continue_after_a_timer():
     scheduler.run(5.0, delay=0.1)
     # A busy machine may make them fewer.
     assert 10 < scheduler.looks <= 5 + 50
+
+
+def test_a_cluster_job_knows_its_group_by_its_command(monkeypatch):
+    """Snakemake has no settings of its targets yet while it reads the rules of such a job."""
+    rules = [
+        SimpleNamespace(name="clean", container_img="geometry.sif"),
+        SimpleNamespace(name="basis", container_img=None),
+    ]
+    inner, main = (SimpleNamespace(is_main_process=is_main, rules=rules) for is_main in (False, True))
+    jobs = [
+        "--target-jobs",
+        "clean:object=a",
+        "basis:object=a,solidity=solid",
+        "--allowed-rules",
+        "clean",
+        "basis",
+    ]
+    monkeypatch.setattr(sys, "argv", ["snakemake", *jobs])
+    assert internals.jobs_of_a_group(inner) == [("clean", "geometry.sif"), ("basis", None)]
+    assert internals.jobs_of_a_group(main) == []
+    monkeypatch.setattr(sys, "argv", ["snakemake", *jobs, "--executor", "slurm-jobstep"])
+    assert internals.jobs_of_a_group(inner) == []

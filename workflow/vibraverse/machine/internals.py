@@ -7,6 +7,7 @@ in any version; if one does not exist, the run ends with one sentence.
 
 from __future__ import annotations
 
+import itertools
 import sys
 import threading
 from collections.abc import Mapping
@@ -183,15 +184,17 @@ def waiting_jobs(workflow) -> list[Waiting]:
 
 
 def jobs_of_a_group(workflow) -> list[tuple[str, str | None]]:
-    """Return rule and image of the jobs that this process runs as one cluster job; ``[]`` in any other process.
+    """Return rule and image of the jobs that this process runs as one job of a cluster; nothing in any other process.
 
-    Such a job starts Snakemake twice: the first starts the second, which runs the jobs, with Slurm's ``srun``.
+    Such a job starts Snakemake twice: one puts the other, which runs the jobs, under Slurm's ``srun``. While the rules
+    are read, only the command line names the jobs: ``--target-jobs RULE:WILDCARDS …``.
     """
-    if is_main_process(workflow) or "slurm-jobstep" in sys.argv:
+    if is_main_process(workflow) or "slurm-jobstep" in sys.argv or "--target-jobs" not in sys.argv:
         return []
-    named = [spec.rulename for spec in _read(workflow, "dag_settings.target_jobs")]
+    following = sys.argv[sys.argv.index("--target-jobs") + 1 :]
+    named = itertools.takewhile(lambda word: not word.startswith("-"), following)
     images = {rule.name: rule.container_img for rule in _read(workflow, "rules")}
-    return [(name, images[name]) for name in named]
+    return [(rule, images.get(rule)) for rule in (word.partition(":")[0] for word in named)]
 
 
 # Snakemake's own output
