@@ -246,10 +246,10 @@ def test_evaluations_continue_after_a_timer():
 def test_a_cluster_job_knows_its_group_by_its_command(monkeypatch):
     """Snakemake has no settings of its targets yet while it reads the rules of such a job."""
     rules = [
-        SimpleNamespace(name="clean", container_img="geometry.sif"),
-        SimpleNamespace(name="basis", container_img=None),
+        types.SimpleNamespace(name="clean", container_img="geometry.sif"),
+        types.SimpleNamespace(name="basis", container_img=None),
     ]
-    inner, main = (SimpleNamespace(is_main_process=is_main, rules=rules) for is_main in (False, True))
+    inner, main = (types.SimpleNamespace(is_main_process=is_main, rules=rules) for is_main in (False, True))
     jobs = [
         "--target-jobs",
         "clean:object=a",
