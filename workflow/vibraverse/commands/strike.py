@@ -235,15 +235,15 @@ class _Strike:
         """Run the stages that a sound of the body needs in ``folder``; return the facts and the path of the sound."""
         paths, name = Paths(folder), self.material_name
         clean: dict = {}
+        points: list[list[float]] = []
         for made in needed(paths, self.object, self.solidity, "audio"):
             if made.step.name == "audio":
-                points = self._points(clean)
                 self.options["audio"] = Audio(points=points)
                 name = self.options["audio"].names([self.material_name])[-1]
             self._stage(made)
             if made.step.name == "clean":
                 clean = made.content
-                self._points(clean)  # fails early if the point is not on the mesh
+                points = self._points(clean)  # fails early if the point is not on the mesh
 
         def at(pattern: str) -> Path:
             return Path(paths.at(pattern, object=self.object, solidity=self.solidity, material=name))
