@@ -150,8 +150,8 @@ REFUSALS: dict[str, tuple[Callable, tuple[str, ...], str, str]] = {
     "solve_failed": (_one_tetrahedron, ("12 unknowns",), "too few for 20 elastic", "basis.modes"),
     "unavailable": (lambda at: generate("mug-0000"), ("mug-0000",), "No shape family makes", "`vibraverse objects"),
     "limit": (
-        lambda at: run_limited(time.sleep, 60, seconds=0.2, memory_mb=500, key="tets.limits", what="The mesher"),
-        ("The mesher", "0.2 s"), "was stopped when it had stood still", "tets.limits.seconds",
+        lambda at: run_limited(time.sleep, 60, seconds=3, memory_mb=500, key="tets.limits", what="The mesher"),
+        ("The mesher", "3 s"), "was stopped when it had stood still", "tets.limits.seconds",
     ),
 }  # fmt: skip
 

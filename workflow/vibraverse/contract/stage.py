@@ -13,7 +13,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -253,6 +253,12 @@ def _cpu_s() -> float:
 
 
 def _peak_mb() -> int:
-    """Return the peak memory of this process or its largest child in MB; libraries count in both."""
-    who = (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
-    return max(resource.getrusage(one).ru_maxrss for one in who) // 1024
+    """Return the peak memory of this process or its largest child in MB; libraries count in both.
+
+    The kernel's ``ru_maxrss`` of a process also counts the program that started it: a job of a large process would seem
+    as large. So this process's own peak is read from ``/proc`` where that exists.
+    """
+    own = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with suppress(OSError), open("/proc/self/status", encoding="ascii", errors="replace") as file:
+        own = next((int(line.split()[1]) for line in file if line.startswith("VmHWM:")), own)
+    return max(own, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss) // 1024
