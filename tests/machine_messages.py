@@ -19,7 +19,7 @@ def _slurm(bin_):
 def _asks(**resources) -> Callable:
     def provoke(bin_, tmp_path, monkeypatch):
         _slurm(bin_)
-        slurm.check([("tets", resources)], tmp_path)
+        slurm.check([("tets", resources, 1)], tmp_path)
 
     return provoke
 

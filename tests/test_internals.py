@@ -64,6 +64,10 @@ onstart:
             [job.rule, dict(job.wildcards), job.resources.get("mem_mb"), job.image, job.is_local, job.attempts]
             for job in internals.waiting_jobs(workflow)
         ],
+        "submitted": [
+            [job.rule, job.size, job.resources.get("runtime"), job.is_local, job.attempts]
+            for job in internals.submitted_jobs(workflow)
+        ],
     }
     print("started", json.dumps(started))
     if started["executor"] == "slurm":
@@ -131,6 +135,13 @@ def test_snakemake_and_its_slurm_plugin_are_as_assumed(tmp_path, bin_):
         ("near", True),
         ("far", False),
     }
+    assert all(job[1] == 1 for job in seen["started"]["submitted"])
+    seen = snakemake(
+        tmp_path, "--forceall", "--executor", "slurm", "--jobs", "1", "--groups", "far=some",
+        "--group-components", "some=10", "--default-resources", "runtime=5",
+    )  # fmt: skip
+    groups = [job for job in seen["started"]["submitted"] if job[1] > 1]
+    assert groups == [["far", 10, 5, False, 3]] * 3, seen["said"]
 
     # What the plugin makes of Slurm's answers: neither reported nor returned without one, returned where not listed.
     stub(bin_, "sacct", "cat $0.out")

@@ -42,11 +42,18 @@ def cluster(bin_):
     ],
 )
 def test_what_a_cluster_lacks(cluster, resources, sentence):
-    assert sentence in said(slurm.check, [("sources", {"mem_mb": 1000}), ("tets", resources)])
+    assert sentence in said(slurm.check, [("sources", {"mem_mb": 1000}, 1), ("tets", resources, 1)])
 
 
 def test_what_a_cluster_has(cluster):
-    slurm.check([("train", {"gpu": 1, "slurm_partition": "gpu"}), ("tets", {"mem_mb": 4000})])
+    slurm.check([("train", {"gpu": 1, "slurm_partition": "gpu"}, 1), ("tets", {"mem_mb": 4000}, 1)])
+
+
+@pytest.mark.parametrize("resources", [{"runtime": 900}, {"mem_mb": 90_000}])
+def test_a_group_that_no_node_takes(cluster, resources):
+    sentence = said(slurm.check, [("basis, tets", resources, 40)])
+    assert sentence.startswith("a group of 40 jobs (basis, tets) asks for 9")
+    assert "lower group-components" in sentence
 
 
 def test_a_slurm_that_does_not_answer(bin_, monkeypatch):
@@ -80,9 +87,9 @@ def test_the_job_that_a_run_is_part_of_is_no_earlier_one(cluster, tmp_path, monk
 
 def test_more_time_with_every_attempt_is_said_and_no_error(cluster, capsys):
     jobs = [
-        ("basis", {"runtime": 60}),
-        ("tets", {"runtime": 40}),
-        ("train", {"runtime": 9999, "slurm_partition": "gpu"}),
+        ("basis", {"runtime": 60}, 1),
+        ("tets", {"runtime": 40}, 1),
+        ("train", {"runtime": 9999, "slurm_partition": "gpu"}, 1),
     ]
     slurm.check(jobs, ".", None, 2)
     assert capsys.readouterr().err == ""

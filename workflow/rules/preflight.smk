@@ -51,7 +51,11 @@ onstart:
         internals.patch_slurm_plugin()
         preflight.stop_without(
             slurm.check,
-            [(job.rule, job.resources) for job in waiting if not job.is_local],
+            [
+                (job.rule, job.resources, job.size)
+                for job in internals.submitted_jobs(workflow)
+                if not job.is_local
+            ],
             ".",
             internals.executor_settings(workflow),
             max((job.attempts for job in waiting), default=1),

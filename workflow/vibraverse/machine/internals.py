@@ -135,7 +135,7 @@ def executor_settings(workflow):
 
 
 class Waiting:
-    """A job that is going to run. Its attributes are read on use, because there may be hundreds of thousands."""
+    """A job or group that is going to run. Its attributes are read on use: there may be hundreds of thousands."""
 
     __slots__ = ("_job",)
 
@@ -144,8 +144,15 @@ class Waiting:
 
     @property
     def rule(self) -> str:
-        """Name of its rule."""
-        return _read(self._job, "rule.name")
+        """Name of its rule; of a group, those of its jobs: ``clean, grids``."""
+        if not _read(self._job, "is_group")():
+            return _read(self._job, "rule.name")
+        return ", ".join(sorted({job.rule.name for job in _read(self._job, "jobs")}))
+
+    @property
+    def size(self) -> int:
+        """Number of its jobs, more than one for a group."""
+        return len(list(_read(self._job, "jobs"))) if _read(self._job, "is_group")() else 1
 
     @property
     def wildcards(self):
@@ -181,6 +188,13 @@ class Waiting:
 def waiting_jobs(workflow) -> list[Waiting]:
     """Return the jobs that are going to run. Known when the run starts."""
     return [Waiting(job) for job in _read(workflow, "dag.needrun_jobs")()]
+
+
+def submitted_jobs(workflow) -> list[Waiting]:
+    """Return what the executor will get: groups of jobs, and the jobs outside groups. Known when the run starts."""
+    group_of = _read(workflow, "dag.get_job_group")
+    given = {id(one): one for job in _read(workflow, "dag.needrun_jobs")() for one in [group_of(job) or job]}
+    return [Waiting(one) for one in given.values()]
 
 
 def jobs_of_a_group(workflow) -> list[tuple[str, str | None]]:

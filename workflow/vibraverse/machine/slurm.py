@@ -32,18 +32,20 @@ class Partition(NamedTuple):
 
 
 def check(
-    jobs: Iterable[tuple[str, Mapping]], folder: str | Path = ".", settings=None, attempts: int = 1
+    jobs: Iterable[tuple[str, Mapping, int]], folder: str | Path = ".", settings=None, attempts: int = 1
 ) -> None:
-    """Check that Slurm answers, has what jobs (rule, resources) ask for, and runs no earlier jobs in ``folder``.
+    """Check that Slurm answers, has what jobs ask for, and runs no earlier jobs in ``folder``.
 
-    ``settings`` are the plugin's. If only a later one of ``attempts`` asks for too much time, print a warning.
+    ``jobs`` are the rules, resources and size of each, which is more than 1 for a group. ``settings`` are the plugin's.
+    If only a later one of ``attempts`` asks for too much time, print a warning.
     """
     there, default = partitions()
     no_earlier_jobs(Path(folder).resolve())
     if settings is not None:
         _check_ends_known(settings)
     asked: dict[tuple, list[int]] = {}
-    for rule, resources in jobs:
+    for rules, resources, size in jobs:
+        rule = f"the rule {rules}" if size == 1 else f"a group of {size} jobs ({rules})"
         gpus = int(resources.get("gpu") or ("gpu" in str(resources.get("gres", ""))))
         most = asked.setdefault((rule, resources.get("slurm_partition") or default or ""), [0, 0, 0])
         wanted = int(resources.get("mem_mb") or 0), gpus, int(resources.get("runtime") or 0)
@@ -53,12 +55,12 @@ def check(
         for name in chosen.split(",") if chosen else []:
             if name not in there:
                 raise NotThere(
-                    f"Slurm has no partition {name!r}, which the rule {rule} asks for; set slurm_partition in the "
+                    f"Slurm has no partition {name!r}, which {rule} asks for; set slurm_partition in the "
                     f"profile to one of: {', '.join(sorted(there))}"
                 )
             _check_partition(rule, name, there, memory_mb, gpus, minutes)
             if there[name].minutes is not None and minutes * attempts > there[name].minutes:
-                later.setdefault((name, there[name].minutes), []).append(rule)
+                later.setdefault((name, there[name].minutes), []).append(rule.removeprefix("the rule "))
     for (name, most), rules in sorted(later.items()):
         print(
             f"vibraverse: a job of {', '.join(rules)} that fails asks for more time each time, up to {attempts} times "
@@ -74,7 +76,7 @@ def _check_partition(rule: str, name: str, there: dict, memory_mb: int, gpus: in
     if gpus > most.gpus:
         others = [other for other, has in sorted(there.items()) if has.gpus >= gpus]
         raise NotThere(
-            f"the rule {rule} asks for {'a GPU' if gpus == 1 else f'{gpus} GPUs'}, but "
+            f"{rule} asks for {'a GPU' if gpus == 1 else f'{gpus} GPUs'}, but "
             + (
                 f"the partition {name} has none; "
                 if not most.gpus
@@ -83,16 +85,18 @@ def _check_partition(rule: str, name: str, there: dict, memory_mb: int, gpus: in
             + (f"GPUs are in: {', '.join(others)}" if others else "no partition has so many")
             + f"; set slurm_partition or gpu of {rule} in the profile's set-resources"
         )
+    group = "; a group asks for the sum of its jobs, so lower group-components, or use `vibraverse submit`"
+    more = group if rule.startswith("a group") else ""
     if memory_mb > most.memory_mb:
         raise NotThere(
-            f"the rule {rule} asks for {memory_mb} MB, but the largest node of the partition {name} has "
-            f"{most.memory_mb} MB; choose another partition, or set its mem_mb in the profile's set-resources"
+            f"{rule} asks for {memory_mb} MB, but the largest node of the partition {name} has {most.memory_mb} MB; "
+            f"choose another partition, or set its mem_mb in the profile's set-resources{more}"
         )
     if most.minutes is not None and minutes > most.minutes:
         raise NotThere(
-            f"the rule {rule} asks for {minutes} min, but a job in the partition {name} may take {most.minutes:g}, and "
-            "one that asks for more waits for ever; choose another partition, or set its runtime in the profile's "
-            "set-resources"
+            f"{rule} asks for {minutes} min, but a job in the partition {name} may take {most.minutes:g}, and one that "
+            "asks for more waits for ever; choose another partition, or set its runtime in the profile's "
+            f"set-resources{more}"
         )
 
 
