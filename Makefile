@@ -11,6 +11,9 @@ unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # Puts the environment's commands first, so that rules and tests find `vibraverse`.
 IN_VENV = PATH="$$(realpath '$(VENV)')/bin:$$PATH"
 
+# Tests run in as many processes as there are processors; those of a file in one.
+PARALLEL = -n logical --maxprocesses 8 --dist loadgroup
+
 help:  ## list these commands
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 22
 
@@ -23,7 +26,7 @@ demo: env  ## run the default workflow, to results/report/index.html
 
 test: dev  ## run the tests, then those of learning in their own environment
 	@envs/system.sh '$(VENV)/bin/python' test
-	@$(IN_VENV) pytest --ignore tests/learn --ignore tests/cluster
+	@$(IN_VENV) pytest $(PARALLEL) --ignore tests/learn --ignore tests/cluster
 	@envs/env.sh '$(LEARN)' learn dev
 	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" pytest tests/learn
 
