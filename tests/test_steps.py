@@ -180,6 +180,7 @@ TOY_STEP = """
         outputs={"record": Output("roundness", "objects/{object}/roundness.json", "isoperimetric quotient (JSON)")},
         record="record",
         libraries=("numpy",),
+        imports=("vibraverse.geometry.roundness", "vibraverse.files.meshes"),
     ),
 """
 TOY_STAGE = '''"""Stage ``roundness``: how round a body is."""
