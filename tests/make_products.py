@@ -2,7 +2,8 @@
 
 Shapes are stars around their centre, spectra are drawn from the object's seed; everything else agrees as in a real run:
 frequencies scale with ``sqrt(E/ρ)/L``, sounds are the modes' impulse responses, pictures are PNG files. One object
-is refused by ``clean``, and of another only the hollow body is refused.
+is refused by ``clean``, and of another only the hollow body is refused. A stage that nothing here knows gets a record
+of its provenance alone.
 """
 
 from __future__ import annotations
@@ -28,6 +29,7 @@ from vibraverse.flow.paths import Paths
 from vibraverse.media.audio import wav_bytes
 from vibraverse.physics.impulse import impact_sound
 from vibraverse.physics.materials import MATERIALS, lame, sampled
+from vibraverse.upkeep.lineage import jobs
 
 MATERIAL_NAMES = ("ceramic", "glass", "wood", "steel")
 LOOKS = ("clay", *MATERIAL_NAMES)
@@ -70,6 +72,7 @@ def make(results: Path, objects=OBJECTS, views: int = 3) -> Paths:
     for object_id in objects:
         if object_id == "leaf":
             refuse(paths, object_id, "clean", "not_a_solid", "leaf.obj is flat: it bounds no volume.")
+            _others(paths, object_id)
             continue
         shape = _SHAPES.get(object_id, _SHAPES["ball-0000"])()
         vertices, faces = np.asarray(shape.vertices), np.asarray(shape.faces)
@@ -79,6 +82,7 @@ def make(results: Path, objects=OBJECTS, views: int = 3) -> Paths:
             refuse(paths, object_id, "hollow", "too_thin", "The wall of ball-0000 would be too thin.")
         else:
             _body(paths, object_id, "hollow", vertices, faces)
+        _others(paths, object_id)
     return paths
 
 
@@ -155,18 +159,31 @@ def stiffness(object_id: str, solidity: str) -> np.ndarray:
 def refuse(paths: Paths, object_id: str, stage: str, reason: str, message: str) -> None:
     """Write a refusal in place of the products of ``stage`` and of all later stages."""
     text = Refusal(object_id, stage, reason, message, "Use a closed mesh with a thicker wall.").to_text()
-    below = ("hollow_surface", "hollow_record", "tets", "tets_record", "basis", "modes", "audio_record")
-    solidities = ("hollow",)
     if stage == "clean":
-        solidities = ("solid", "hollow")
-        below = ("surface", "clean_record", "grids", "coarse", "images_record", *below)
         source = {"object": object_id, "origin": "files", "format": "obj", "file": "leaf.obj"}
         source["provenance"] = provenance("sources", object_id)
         products.write_json(paths.at(paths.source_record, object=object_id), source)
         products.write_text(paths.at(paths.source_mesh, object=object_id), "v 0 0 0\n")
-    for name in below:
-        for solidity in solidities:
-            products.write_text(paths.at(getattr(paths, name), object=object_id, solidity=solidity), text)
+    refused: set[Path] = set()
+    for made in jobs(paths, object_id):
+        if made.step.name == stage or not refused.isdisjoint(map(made.input, made.step.chained)):
+            refused.update(made.places)
+            for name, output in made.step.outputs.items():
+                products.write_text(output.record_in(made.place(name)), text)
+
+
+def _others(paths: Paths, object_id: str) -> None:
+    """Write the records of the stages that nothing else here makes."""
+    for made in jobs(paths, object_id):
+        if made.record.exists():
+            continue
+        stated = provenance(made.step.name, object_id, made.solidity)
+        made.record.parent.mkdir(parents=True, exist_ok=True)
+        if made.record.suffix == ".json":
+            products.write_json(made.record, {"object": object_id, "provenance": stated})
+        else:
+            with h5py.File(made.record, "w") as h5:
+                products.write_provenance(h5, stated)
 
 
 def _object(paths: Paths, object_id: str, vertices, faces, views: int) -> None:

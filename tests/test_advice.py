@@ -36,7 +36,7 @@ def test_repair_names_the_run(wrong, vibraverse, named):
     assert advised(out) == ["vibraverse", "repair", *named, "--delete"]
     status, out, _ = vibraverse(*advised(out)[1:])
     assert status == 0
-    assert out.endswith("Deleted 10 products; the next run makes them and what depends on them again.\n")
+    assert out.endswith("Deleted 10 products; the next run rebuilds them and what depends on them.\n")
 
 
 def test_check_names_the_run_as_far_as_the_folder_tells(wrong, vibraverse, monkeypatch):

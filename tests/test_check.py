@@ -55,11 +55,11 @@ def rewrite(dataset: Path, shard: str, change) -> None:
     (dataset / "SHA256SUMS").write_text("".join(f"{sha256(dataset / name)}  {name}\n" for name in names))
 
 
-def test_a_whole_dataset_passes_with_everything_made_again(whole, vibraverse):
+def test_a_whole_dataset_passes_with_everything_recomputed(whole, vibraverse):
     status, out, _ = vibraverse("check", whole, "--sample", "1")
     assert (status, out) == (
         0,
-        f"{whole} is as it was written, and agrees with itself (100% of its items made again).\n",
+        f"{whole} is as it was written, and agrees with itself (100% of its items recomputed).\n",
     )
     assert vibraverse("check", whole / "shards/1.h5")[0] == 0
 

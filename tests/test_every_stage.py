@@ -25,7 +25,7 @@ KNOWN = "block"
 
 @pytest.fixture(scope="module")
 def validated(finished, tmp_path_factory) -> Run:
-    """A copy of the tiny run after ``snakemake validation`` and the report made again."""
+    """A copy of the tiny run after ``snakemake validation`` and the report that shows it."""
     run = Run(tmp_path_factory.mktemp("validated"), finished.root)
     shutil.copytree(finished.folder, run.folder, dirs_exist_ok=True)
     paths = Paths()

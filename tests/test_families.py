@@ -128,6 +128,16 @@ def test_family(made, name):
     assert distance[opposite][order][np.searchsorted(share, 0.02)] > 0.04
 
 
+@pytest.mark.parametrize("name", FAMILIES)
+def test_other_objects_of_a_family_are_closed_and_in_one_piece(name):
+    for number in (0, 1):
+        shape = generate(f"{name}-{number:04d}")
+        volume, closed, parts = solid_facts(shape.vertices, shape.faces)
+        assert (closed, parts) == (True, 1), f"{name}-{number:04d}"
+        assert volume > 0.003 * shape.size_m**3
+        assert 2000 <= len(shape.faces) <= 20_500
+
+
 @pytest.mark.parametrize("name", ["bowl", "gear", "blob", "spoon"])
 def test_an_id_is_the_same_bytes_in_another_process(made, name):
     program = (

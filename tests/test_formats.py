@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -12,7 +13,7 @@ import zipfile
 import numpy as np
 import pytest
 
-from mesh_bytes import gltf, gltf_binary, threemf, threemf_text
+from mesh_bytes import SAMPLES, gltf, gltf_binary, threemf, threemf_text
 from vibraverse.commands.strike import parser
 from vibraverse.contract.errors import Refused
 from vibraverse.files import formats
@@ -29,49 +30,66 @@ def read(file, bounds):
     numbers = np.array(file.read().split(), float).reshape(-1, 3)
     return MeshData(numbers, np.arange(len(numbers)).reshape(-1, 3), 0.001)
 
-FORMAT = Format("TRI", (".tri", ".tris"), read, lambda file: 0.001)
+FORMAT = Format("ZZ-TOY", (".zz-toy", ".zz-toys"), read, lambda file: 0.001)
 """
 
 
 @pytest.fixture
 def another(tmp_path, monkeypatch):
-    """A format whose module lies in another folder."""
+    """A format that no file has; its module lies in another folder."""
     (tmp_path / "modules").mkdir()
-    (tmp_path / "modules" / "tri.py").write_text(NEW)
+    (tmp_path / "modules" / "zz_toy.py").write_text(NEW)
     monkeypatch.setattr(formats, "__path__", [*formats.__path__, str(tmp_path / "modules")])
     for cached in (formats.known, formats._by_extension):
         cached.cache_clear()
     yield
     for cached in (formats.known, formats._by_extension):
         cached.cache_clear()
-    del sys.modules["vibraverse.files.formats.tri"], formats.tri
+    del sys.modules["vibraverse.files.formats.zz_toy"], formats.zz_toy
 
 
 def test_one_module_makes_a_format_known_everywhere(another, tmp_path):
-    path = tmp_path / "meshes" / "cup.TRIS"
+    path = tmp_path / "meshes" / "cup.ZZ-TOYS"
     path.parent.mkdir()
     path.write_text("0 0 0 1 0 0 0 1 0")
     assert list(find(str(path.parent))) == ["cup"]
     assert len(read_mesh(path).faces) == 1
-    assert as_one_file(path, tmp_path / "copy") == ("tri", 0.001)
-    assert "STL or TRI" in parser().format_help()
-    with pytest.raises(NoMeshes, match="TRI"):
+    assert as_one_file(path, tmp_path / "copy") == ("zz-toy", 0.001)
+    assert formats.names(" or ").endswith(" or ZZ-TOY")
+    assert formats.names(" or ") in parser().format_help().replace("\n", " ")
+    with pytest.raises(NoMeshes, match="ZZ-TOY"):
         find(str(tmp_path / "modules"))
     (tmp_path / "cup.step").write_text("?")
-    with pytest.raises(Refused, match="one of 3MF, GLB, glTF, OBJ, OFF, PLY, STL, TRI"):
+    with pytest.raises(Refused, match=f"one of {formats.names()}"):
         read_mesh(tmp_path / "cup.step")
 
 
-def test_the_formats_and_their_units():
-    assert [(f.key, f.name, f.extensions, f.unit_m is not None) for f in formats.known().values()] == [
-        ("3mf", "3MF", (".3mf",), True),
-        ("glb", "GLB", (".glb",), True),
-        ("gltf", "glTF", (".gltf",), True),
-        ("obj", "OBJ", (".obj",), False),
-        ("off", "OFF", (".off",), False),
-        ("ply", "PLY", (".ply",), False),
-        ("stl", "STL", (".stl",), False),
-    ]
+def test_keys_and_extensions_are_unique_and_in_lower_case():
+    extensions = [extension for format in formats.known().values() for extension in format.extensions]
+    assert len(set(extensions)) == len(extensions)
+    assert all(re.fullmatch(r"\.[a-z0-9-]+", extension) for extension in extensions)
+
+
+@pytest.mark.parametrize("name", SAMPLES)
+def test_a_format_declares_whether_its_files_state_a_unit(tmp_path, name):
+    format, data = SAMPLES[name]
+    (tmp_path / f"a.{format}").write_bytes(data)
+    mesh = read_mesh(tmp_path / f"a.{format}")
+    assert (formats.known()[format].unit_m is not None) == (mesh.unit_m is not None)
+    assert as_one_file(tmp_path / f"a.{format}", tmp_path / "copy")[1] == mesh.unit_m
+
+
+@pytest.mark.parametrize("page", ["README.md", "config.yaml", "docs/own-meshes.md"])
+def test_lists_of_the_formats_name_all_of_them(root, page):
+    listed = re.search(
+        r"\bOBJ, STL.*?(?=; |\. |\n *#|\n\n)", (root / page).read_text(encoding="utf-8"), re.DOTALL
+    )
+    assert listed, f"{page} has no list of mesh formats that begins with OBJ, STL"
+    known = {format.name for format in formats.known().values()}
+    named = set(re.findall(r"[\w-]+", listed[0]))
+    missing, strange = known - named, {name for name in named - known if re.search("[A-Z]{2}", name)}
+    assert not missing, f"{page} lists the mesh formats without {', '.join(sorted(missing))}: add it there"
+    assert not strange, f"{page} lists {', '.join(sorted(strange))}, which no module in files/formats/ reads"
 
 
 def test_listing_the_formats_loads_no_numerical_library():

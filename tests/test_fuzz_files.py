@@ -205,10 +205,14 @@ def test_the_samples_are_whole(tmp_path, name):
     a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
     volume = np.einsum("fi,fi->", a, np.cross(b, c)) / 6
     expected = {"glb": 2 / 6, "gltf": 2 / 6, "3mf": 16 / 6, "stl": 1 / 6}.get(format, 1.0)
-    assert volume == pytest.approx(expected, rel=1e-6)
+    assert volume == pytest.approx(expected, rel=1e-6), (
+        f"the sample {name!r} of tests/mesh_bytes.py must be the unit cube (CUBE, QUADS), whose volume is 1"
+    )
 
 
 def test_every_format_has_a_sample():
+    missing = set(formats.known()) - set(FORMATS)
+    assert not missing, f"add a sample of {', '.join(sorted(missing))} to SAMPLES in tests/mesh_bytes.py"
     assert sorted(formats.known()) == FORMATS
 
 

@@ -157,28 +157,15 @@ def options_of(words: list[str]) -> tuple[list[str], str]:
 
 def test_the_table_of_stages_says_what_the_rules_do(finished, monkeypatch):
     monkeypatch.chdir(finished.folder)
-    made_by_stage = {made.step.name for made in jobs(Paths("results"), "bar-0000")}
-    assert made_by_stage == {
-        "sources",
-        "clean",
-        "grids",
-        "images",
-        "hollow",
-        "tets",
-        "basis",
-        "modes",
-        "audio",
-    }
     for made in jobs(Paths("results"), "bar-0000"):
         name = ".".join(part for part in (made.step.name, made.solidity, "log") if part)
         logged = Path("results/logs/bar-0000", name).read_text().splitlines()[0]
         words, options = options_of(shlex.split(logged))
         found, found_options = options_of(shlex.split(made.command()))
         assert sorted(found) == sorted(words)
-        options_of_step = section(made.step.options)
-        assert options_of_step.model_validate_json(found_options) == options_of_step.model_validate_json(
-            options
-        )
+        if made.step.options:
+            read = section(made.step.options).model_validate_json
+            assert read(found_options) == read(options)
 
 
 def test_the_commands_of_a_product_remake_it(finished, run, vibraverse, monkeypatch):

@@ -1,18 +1,21 @@
-"""Rules and steps say the same; a new stage touches six places."""
+"""Rules, pages and tests follow the steps; a new stage touches six places."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
+import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
 
+import h5py
 import pytest
 import yaml
 
-from vibraverse.contract.step import OBJECT
+from vibraverse.contract.step import BODY, OBJECT
 from vibraverse.flow.paths import Paths
 from vibraverse.flow.steps import BY_NAME, CHAIN, STEPS
 from workflow_runs import TINY, Run
@@ -21,6 +24,12 @@ from workflow_runs import TINY, Run
 AS_PARAMETERS = {("index", "resolved")}
 #: Inputs that the stage finds by itself, listed in the rule for Snakemake's sake.
 FOUND_BY_THE_STAGE = {("dataset", "products")}
+_VALIDATION = dict.fromkeys(("validation_meshes", "validation_modes", "validation_table"), "validation")
+#: Stages that share a page in ``docs/``, and stages that share a test file, each with its name.
+SHARED_PAGES = {"index": "dataset", **_VALIDATION}
+SHARED_TESTS = {**_VALIDATION}
+#: Stages of other runs than the one that ``docs/architecture.md`` draws.
+NOT_DRAWN = {*_VALIDATION}
 
 
 @pytest.fixture(scope="module")
@@ -44,14 +53,63 @@ def rules(root, tmp_path_factory) -> dict[str, dict]:
 
 
 def test_every_stage_has_a_rule_of_its_name(rules, root):
-    assert {step.name for step in STEPS} <= set(rules)
-    for step in STEPS:
-        assert (root / f"workflow/rules/{step.name}.smk").is_file()
-        assert (root / f"workflow/vibraverse/stages/{step.name}.py").is_file()
+    for name in BY_NAME:
+        assert (root / f"workflow/vibraverse/stages/{name}.py").is_file(), (
+            f"the step {name} has no module: write workflow/vibraverse/stages/{name}.py"
+        )
+        assert (root / f"workflow/rules/{name}.smk").is_file(), no_rule(name)
+        assert name in rules, no_rule(name)
+
+
+def no_rule(name: str) -> str:
+    return f"the step {name} has no rule: write workflow/rules/{name}.smk"
+
+
+def page_of(name: str) -> str:
+    return f"docs/{SHARED_PAGES.get(name, name)}.md"
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_a_stage_has_a_page_and_a_test(root, name):
+    page, test = root / page_of(name), f"test_{SHARED_TESTS.get(name, name)}.py"
+    assert page.is_file(), (
+        f"the step {name} has no page: write {page_of(name)}, or name the page that it shares in SHARED_PAGES"
+    )
+    assert name in page.read_text(encoding="utf-8"), f"{page_of(name)} does not name the step {name}"
+    assert list((root / "tests").rglob(test)), (
+        f"the step {name} has no test: write tests/{test}, or name the file that it shares in SHARED_TESTS"
+    )
+
+
+def test_the_readme_links_the_page_of_every_stage(root):
+    text = (root / "README.md").read_text(encoding="utf-8")
+    missing = {page_of(name) for name in BY_NAME if f"]({page_of(name)})" not in text}
+    assert not missing, f"README.md has no link to {', '.join(sorted(missing))}: add it to its list of stages"
+
+
+def test_the_architecture_draws_every_stage(root):
+    text = (root / "docs/architecture.md").read_text(encoding="utf-8")
+    drawn = set(re.findall(r"\w+", text.split("```")[1]))
+    missing, strange = set(BY_NAME) - NOT_DRAWN - drawn, drawn - set(BY_NAME)
+    assert not missing, f"docs/architecture.md does not draw {', '.join(sorted(missing))}; see also NOT_DRAWN"
+    assert not strange, f"docs/architecture.md draws {', '.join(sorted(strange))}, which are no steps"
+
+
+@pytest.mark.parametrize("page", ["docs/install.md", "docs/containers.md"])
+@pytest.mark.parametrize("family", sorted({step.family for step in STEPS}))
+def test_tables_of_the_families_name_their_stages(root, page, family):
+    row = re.search(rf"^\| `{family}` \| ([^|]*)\|", (root / page).read_text(encoding="utf-8"), re.MULTILINE)
+    assert row, f"{page} has no row `{family}` in its table of families"
+    named = set(re.findall(r"\w+", row[1])) & set(BY_NAME)
+    stages = {step.name for step in STEPS if step.family == family}
+    missing, strange = stages - named, named - stages
+    assert not missing, f"{page}: the row `{family}` lacks {', '.join(sorted(missing))}"
+    assert not strange, f"{page}: the row `{family}` names {', '.join(sorted(strange))} of other families"
 
 
 @pytest.mark.parametrize("name", BY_NAME)
 def test_a_rule_says_what_its_step_says(rules, name):
+    assert name in rules, no_rule(name)
     step, rule, paths = BY_NAME[name], rules[name], rules["paths"]
     outputs = {key: getattr(paths, output.pattern) for key, output in step.outputs.items()}
     assert rule["output"] == outputs
@@ -78,6 +136,9 @@ def test_a_rule_says_what_its_step_says(rules, name):
     assert ("options" in rule["params"]) == bool(step.options)
     words = rule["shell"].split()
     assert words[:2] == ["vibraverse", name]
+    for wildcard in step.wildcards if step.per in (OBJECT, BODY) else ():
+        flag = f"--{wildcard} {{wildcards.{wildcard}}}"
+        assert flag in " ".join(words), f"the command of the rule {name} lacks {flag}"
     for key in (*step.inputs, *step.outputs):
         flag = f"--{key.replace('_', '-')}"
         as_text = f"{{params.{key}}}"  # a parameter that holds flag and value, or nothing
@@ -119,6 +180,7 @@ TOY_STEP = """
         outputs={"record": Output("roundness", "objects/{object}/roundness.json", "isoperimetric quotient (JSON)")},
         record="record",
         libraries=("numpy",),
+        imports=("vibraverse.geometry.roundness", "vibraverse.files.meshes"),
     ),
 """
 TOY_STAGE = '''"""Stage ``roundness``: how round a body is."""
@@ -184,29 +246,46 @@ def grown(root, tmp_path, finished):
 
 
 def test_a_new_stage_touches_six_places(grown, monkeypatch, root):
-    """Its mathematics, stage module, step and rule; its docs page and its test are for people."""
+    """Its mathematics, stage module, step and rule; its docs page and its test are for people.
+
+    The commands for people know it, the command that repeats its job runs, and so does what other tests work on.
+    """
     monkeypatch.setenv("PYTHONPATH", str(grown.root / "workflow"))
     jobs, _ = grown.plan()
     assert jobs["roundness"] == 1
     assert not set(jobs) & {step.name for step in CHAIN}
     grown()
-    record = json.loads((grown.folder / "results/objects/bar-0000/roundness.json").read_text())
+    product = grown.folder / "results/objects/bar-0000/roundness.json"
+    record = json.loads(product.read_text())
     assert 0.05 < record["roundness"] < 1
     assert record["provenance"]["stage"] == "roundness"
 
-    def vibraverse(*words: str) -> str:
+    def python(*words: str) -> str:
+        places = os.pathsep.join([grown.environment["PYTHONPATH"], str(root / "tests")])
         done = subprocess.run(
-            [sys.executable, "-m", "vibraverse", *words],
-            cwd=grown.folder, env={**os.environ, **grown.environment}, capture_output=True, text=True, check=False,
+            [sys.executable, *words], cwd=grown.folder, env={**grown.environment, "PYTHONPATH": places},
+            capture_output=True, text=True, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stderr
         return done.stdout
+
+    def vibraverse(*words: str) -> str:
+        return python("-m", "vibraverse", *words)
 
     assert "roundness" in vibraverse("--help")
     assert "36 π" not in vibraverse("roundness", "--help")
     assert "roundness" in vibraverse("status")
     assert "roundness, version 1" in vibraverse("provenance", "results/objects/bar-0000/roundness.json")
     assert vibraverse("repair").startswith("Nothing is wrong")
+
+    command = vibraverse("provenance", str(product), "--commands").splitlines()[-1]
+    product.unlink()
+    vibraverse(*shlex.split(command)[1:])
+    assert json.loads(product.read_text()) == record
+
+    python("-c", "from pathlib import Path; import make_products; make_products.build(Path('others'))")
+    with h5py.File(next((grown.folder / "others/dataset/shards").glob("*.h5"))) as shard:
+        assert json.loads(shard["making"].asstr()[()])["roundness"]["stage_version"] == 1
 
 
 def test_the_architecture_names_the_six_places(root):

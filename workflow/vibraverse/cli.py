@@ -32,7 +32,7 @@ COMMANDS = {
     "status": "say how far a run is, and how long the rest takes",
     "provenance": "trace a product back to its source, with versions and commands",
     "join": "show several datasets as one, without copying them",
-    "repair": "say which products must be made again, and delete them so that they are",
+    "repair": "say which products must be rebuilt, and delete them so that the next run does it",
     "refusals": "list refused objects by reason, or make them run again",
     "validation": "show how near the frequencies of known bodies are",
 }

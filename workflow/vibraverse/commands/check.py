@@ -19,7 +19,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="vibraverse check",
         description="Check a dataset's folder, or one shard: checksums, types, shapes, units and ranges of every "
-        "field, the equations that its numbers satisfy, and of a sample the frequencies and mode shapes made again "
+        "field, the equations that its numbers satisfy, and of a sample the frequencies and mode shapes recomputed "
         "from the basis and the sounds from the modes. Ends with exit code 1 when anything is wrong.",
     )
     parser.add_argument(
@@ -28,7 +28,7 @@ def main(argv: list[str]) -> int:
     )  # fmt: skip
     parser.add_argument(
         "--sample", type=share, default=0.1, metavar="SHARE",
-        help="share of the items to make again, 0 to 1 (default 0.1)",
+        help="share of the items to recompute, 0 to 1 (default 0.1)",
     )  # fmt: skip
     chosen = parser.parse_args(argv)
 
@@ -46,10 +46,10 @@ def main(argv: list[str]) -> int:
         print(more)
     if wrong:
         print(
-            f"{chosen.dataset}: {wrong} finding{'s' * (wrong > 1)}; {_repair(chosen.dataset)} says what to make again."
+            f"{chosen.dataset}: {wrong} finding{'s' * (wrong > 1)}; {_repair(chosen.dataset)} says what to rebuild."
         )
         return 1
-    share_made = f"{chosen.sample:.0%} of its items made again" if chosen.sample else "nothing made again"
+    share_made = f"{chosen.sample:.0%} of its items recomputed" if chosen.sample else "nothing recomputed"
     print(f"{chosen.dataset} is as it was written, and agrees with itself ({share_made}).")
     return 0
 

@@ -29,7 +29,7 @@ def main(argv: list[str]) -> int:
     parser = argparse.ArgumentParser(
         prog="vibraverse provenance",
         description="Say where a product comes from: every stage from the source on, with versions, checksums, and the "
-        "command that makes its products again. Products are found below the results folder of the file.",
+        "command that rebuilds its products. Products are found below the results folder of the file.",
     )
     parser.add_argument(
         "file", type=Path, metavar="FILE", help="any product: of an object, a shard, the index"
@@ -38,7 +38,7 @@ def main(argv: list[str]) -> int:
     parser.add_argument(
         "--commands",
         action="store_true",
-        help="only the commands, in order: a script that makes the file again",
+        help="only the commands, in order: a script that rebuilds the file",
     )
     chosen = parser.parse_args(argv)
     missing = "name a product, as in results/objects/ID/surface.ply"

@@ -1,4 +1,4 @@
-"""``vibraverse repair``: find products that must be made again, and delete them so that the next run makes them."""
+"""``vibraverse repair``: find products that must be rebuilt, and delete them so that the next run does it."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def main(argv: list[str]) -> int:
         parents=[run_arguments()],
         description="Say which products are not as they were made: those of the objects, by the checksums that later "
         "ones state, and the dataset's files, as `vibraverse check` does. Reads everything once. With --delete these "
-        "products are deleted, and the next run of the workflow makes them and what depends on them again.",
+        "products are deleted, and the next run of the workflow rebuilds them and what depends on them.",
     )
     parser.add_argument("--delete", action="store_true", help="delete them; run the workflow afterwards")
     chosen = parser.parse_args(argv)
@@ -57,11 +57,11 @@ def _repair(paths: Paths, objects: list[str], has_dataset: bool, delete: bool, a
     objects = {wrong.object for wrong in ours if wrong.object}
     gone = in_order(paths, (path for wrong in ours for path in wrong.anew), objects)
     if not delete:
-        print(f"{counted(len(gone), 'product')} to make again: {again}, then run the workflow.")
+        print(f"{counted(len(gone), 'product')} to rebuild: {again}, then run the workflow.")
         return 1
     for path in gone:
         products.remove(path)
-    print(f"Deleted {counted(len(gone), 'product')}; the next run makes them and what depends on them again.")
+    print(f"Deleted {counted(len(gone), 'product')}; the next run rebuilds them and what depends on them.")
     return int(len(ours) < len(found))
 
 

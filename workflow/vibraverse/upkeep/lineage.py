@@ -99,8 +99,9 @@ class Made:
             words += [option(name), str(self.input(name))] if name in stated else []
         for name in self.step.outputs:
             words += [option(name), str(self.place(name))]
-        options = self.provenance.get("options") or {}
-        return shlex.join([*words, "--options", json.dumps(options, ensure_ascii=False)])
+        if self.step.options:
+            words += ["--options", json.dumps(self.provenance.get("options") or {}, ensure_ascii=False)]
+        return shlex.join(words)
 
     def _file(self) -> list[str]:
         """Return the mesh file of the source from the job's log, because records hold no paths."""

@@ -1,4 +1,4 @@
-"""The search for changed products, so that they can be made again.
+"""The search for changed products, so that they can be rebuilt.
 
 Every product states the checksums of its inputs and of the outputs written with it; a shard states those of the
 products in it. A file that differs from the checksum in a later product has changed since. If it is newer than that

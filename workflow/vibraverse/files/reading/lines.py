@@ -10,7 +10,11 @@ _MAX_LINE = 1 << 24
 
 
 def lines(file: BinaryIO) -> Iterator[tuple[int, bytes]]:
-    """Yield the numbered lines of a text; they may end with \\n, \\r\\n or \\r."""
+    """Yield the numbered lines of a text; they may end with \\n, \\r\\n or \\r.
+
+    Lines are read ahead: after the first one ``file.tell()`` may be anywhere. A reader that compares sizes measures the
+    whole file.
+    """
     start = file.tell()
     head = file.read(1 << 16)
     file.seek(start)
