@@ -12,7 +12,7 @@ unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 IN_VENV = PATH="$$(realpath '$(VENV)')/bin:$$PATH"
 
 # Tests run in as many processes as there are processors; those of a file in one.
-PARALLEL = -n logical --maxprocesses 8 --dist loadgroup
+PARALLEL = -n logical --maxprocesses 8 --dist loadfile
 
 help:  ## list these commands
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 22

@@ -13,18 +13,6 @@ from vibraverse.machine.threads import set_threads
 # a busy machine cost many times what they save.
 set_threads(1)
 
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(items) -> None:
-    """Keep the tests of a file in one process, where they share what it made; see the Makefile.
-
-    Those of ``test_stability.py`` share nothing, and take longest.
-    """
-    for item in items:
-        alone = item.path.stem == "test_stability"
-        item.add_marker(pytest.mark.xdist_group(item.name if alone else item.path.stem))
-
-
 ROOT = Path(__file__).resolve().parent.parent
 SHARED_MESHES = ROOT.parent / "shared" / "meshes"
 
