@@ -1,0 +1,1 @@
+"""Baselines of the learning tasks: what a network must beat. Arrays in, arrays out."""
