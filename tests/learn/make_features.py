@@ -1,0 +1,101 @@
+"""Features of synthetic bodies, written without any stage: boxes and ellipsoids whose spectrum is a plain formula.
+
+The dimensionless frequencies of a body grow like those of a box of waves, so they follow from the three sides; a
+hollow body has lower first and higher last ones. So a network can learn them, and a test can say what it must reach.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import trimesh
+
+from vibraverse.config.learn import Features
+from vibraverse.contract import products
+from vibraverse.contract.seeds import rng
+from vibraverse.learn.features import sample_surface
+from vibraverse.learn.invariants import invariants
+from vibraverse.learn.scaling import unit_hz
+
+MATERIALS = {
+    "steel": {"density_kg_m3": 7850.0, "young_pa": 2.0e11, "poisson": 0.29},
+    "wood": {"density_kg_m3": 750.0, "young_pa": 1.1e10, "poisson": 0.25},
+}
+MODES = 24
+OPTIONS = Features(points=512, poisson_nodes=5, view_px=32)
+
+
+def sides_of(object_: str) -> np.ndarray:
+    """Return the three sides (3,) of an object's box, longest first, 1.8 at most."""
+    return np.sort(rng(object_, "sides").uniform(0.4, 1.8, size=3))[::-1] / 1.0
+
+
+def log_omega(sides: np.ndarray, solidity: str, poisson: np.ndarray) -> np.ndarray:
+    """Return the logarithms (k, m) of the lowest waves of a box of these sides, at Poisson's ratios (k,)."""
+    numbers = np.stack(np.meshgrid(*[np.arange(6)] * 3), axis=-1).reshape(-1, 3)[1:]
+    waves = np.sort(np.linalg.norm(np.pi * numbers / sides, axis=1) * np.cbrt(np.prod(sides)))[:MODES]
+    waves = waves * (np.linspace(0.6, 1.2, MODES) if solidity == "hollow" else 1.0)
+    return np.log(waves) + 0.1 * (0.25 - poisson)[:, None]
+
+
+def write(
+    folder: Path, objects: list[str], solidities=("solid", "hollow"), options: Features = OPTIONS
+) -> Path:
+    """Write the features of one shard into a folder."""
+    folder.mkdir(parents=True)
+    bodies = [(object_, solidity) for object_ in objects for solidity in solidities]
+    poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
+    rows: dict[str, list] = {}
+    for object_, solidity in bodies:
+        sides = sides_of(object_)
+        mesh = trimesh.creation.box(sides).subdivide()
+        values = log_omega(sides, solidity, poisson)
+        at = np.array(
+            [[np.interp(one["poisson"], poisson, mode) for mode in values.T] for one in MATERIALS.values()]
+        )
+        stiff = [[one[name] for one in MATERIALS.values()] for name in ("young_pa", "density_kg_m3")]
+        volume = 0.02 * np.prod(sides) / 1.8**3
+        for name, value in {
+            "points": sample_surface(mesh.vertices, mesh.faces, options.points, rng(object_, solidity)),
+            "invariants": invariants(mesh.vertices, mesh.faces).astype(np.float32),
+            "log_omega": values.astype(np.float32),
+            "frequencies_hz": np.exp(at) * unit_hz(volume, *map(np.array, stiff))[:, None],
+            "volume_m3": volume,
+            "size_m": 0.1,
+            "thickness": rng(object_, "t").uniform(0.3, 0.7) if solidity == "hollow" else np.nan,
+            "object_row": objects.index(object_),
+        }.items():
+            rows.setdefault(name, []).append(value)
+    pictures = [
+        rng(one, "view").integers(0, 256, (3, options.view_px, options.view_px, 3)) for one in objects
+    ]
+    arrays = {name: np.array(values) for name, values in rows.items()} | {
+        "views": np.array(pictures, np.uint8)
+    }
+    for name, array in arrays.items():
+        np.save(folder / f"{name}.npy", array)
+    record = {
+        "bodies": {
+            "object": [object_ for object_, _ in bodies],
+            "solidity": [solidity for _, solidity in bodies],
+            "origin": ["files" if object_.startswith("own") else "generated" for object_, _ in bodies],
+            "family": [object_.rpartition("-")[0] for object_, _ in bodies],
+        },
+        "objects": objects,
+        "materials": MATERIALS,
+        "poisson": poisson.tolist(),
+    }
+    products.write_text(folder / "features.json", json.dumps(record))
+    return folder
+
+
+def write_splits(path: Path, objects: list[str], copies: dict[str, str] | None = None) -> Path:
+    """Write the splits of objects: of ten in a row, one is validated and two are tested."""
+    names = ["train"] * 7 + ["validation"] + ["test"] * 2
+    lines = [
+        f"{one}\t{names[number % 10]}\t{(copies or {}).get(one, '')}" for number, one in enumerate(objects)
+    ]
+    path.write_text("object\tsplit\tcopy_of\n" + "\n".join(lines) + "\n")
+    return path

@@ -1,0 +1,159 @@
+"""Features of the dataset's shards, their samples and the sides of the splits."""
+
+from __future__ import annotations
+
+import json
+import pickle
+
+import numpy as np
+import pytest
+import trimesh
+from make_features import MATERIALS, OPTIONS, write, write_splits
+
+import make_products
+from vibraverse.cli import main
+from vibraverse.contract.seeds import rng
+from vibraverse.dataset import open as open_dataset
+from vibraverse.dataset.schema import SPLIT_COLUMNS
+from vibraverse.dataset.schema.tables import from_tsv
+from vibraverse.learn.features import sample_surface
+from vibraverse.learn.samples import Samples, at
+from vibraverse.learn.scaling import scaled, scaled_material, unit_hz, unscaled
+from vibraverse.learn.sides import TooFew, sides
+
+OBJECTS = [
+    f"{family}-{number:04d}" for family in ("bar", "cup", "mug", "pan", "rod", "tin") for number in range(5)
+]
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    """The features of a small dataset, as the stage writes them."""
+    results = tmp_path_factory.mktemp("features") / "results"
+    make_products.build(results)
+    for shard in ("0", "1"):
+        arguments = (
+            "--shard", results / f"dataset/shards/{shard}.h5", "--features", results / f"learn/features/{shard}",
+            "--options", json.dumps({"points": 256, "view_px": 48, "poisson_nodes": 9}),
+        )  # fmt: skip
+        assert main(["features", *map(str, arguments)]) == 0
+    return results
+
+
+def test_the_stage_writes_what_the_dataset_holds(made):
+    samples = at(made)
+    assert samples.ids == ["ball-0000 solid", "bar-0000 solid", "bar-0000 hollow"]
+    assert list(samples.family) == ["ball", "bar", "bar"]
+    assert list(samples.materials) == sorted(make_products.MATERIAL_NAMES)
+    with open_dataset(made / "dataset") as reader:
+        for body, (object_, solidity) in enumerate(zip(samples.object, samples.solidity, strict=True)):
+            place = {"object": object_, "solidity": solidity}
+            stored = [reader.read("frequencies_hz", **place, material=name) for name in samples.materials]
+            np.testing.assert_array_equal(samples.row("frequencies_hz", body), stored)
+            pictures = samples.row("views", body)
+            assert pictures.shape == (3, 48, 48, 3)
+            assert abs(float(pictures.mean()) - float(reader.read("views", **place).mean())) < 1.0
+
+
+def test_the_spectrum_and_the_frequencies_agree(made):
+    """Material and size enter exactly, Poisson's ratio by interpolation."""
+    samples = at(made)
+    volume = samples.rows("volume_m3")
+    for number, one in enumerate(samples.materials.values()):
+        spectra = samples.rows("log_omega").astype(float)
+        place = np.interp(one["poisson"], samples.poisson, np.arange(len(samples.poisson)))
+        low = min(int(place), len(samples.poisson) - 2)
+        at_ratio = (1 - place + low) * spectra[:, low] + (place - low) * spectra[:, low + 1]
+        found = np.exp(at_ratio) * unit_hz(volume, one["young_pa"], one["density_kg_m3"])[:, None]
+        np.testing.assert_allclose(found, samples.rows("frequencies_hz")[:, number], rtol=2e-4)
+
+
+def test_points_lie_on_the_surface_with_its_normals():
+    ball = trimesh.creation.icosphere(4, 0.9)
+    points = sample_surface(ball.vertices, ball.faces, 2000, rng("ball"))
+    np.testing.assert_allclose(np.linalg.norm(points[:, :3], axis=1), 0.9, atol=2e-3)
+    assert (np.einsum("ij,ij->i", points[:, :3], points[:, 3:]) > 0.89).all()
+    assert np.abs(points[:, :3].mean(axis=0)).max() < 0.05  # uniform, in all octants
+
+
+def test_scales_invert():
+    frequencies = np.array([20.0, 440.0, 20_000.0, 31_000.0])
+    np.testing.assert_allclose(unscaled(scaled(frequencies)), frequencies)
+    np.testing.assert_allclose(scaled(np.array([20.0, 20_000.0])), [-1, 1])
+    assert scaled(31_000.0) > 1  # not clipped
+    np.testing.assert_allclose(scaled_material(500.0, 5e11, 0.25), [-1, 1, 0], atol=1e-12)
+
+
+def test_samples_of_several_shards_are_one_table_and_travel_to_workers(tmp_path):
+    folders = [write(tmp_path / "b", OBJECTS[15:]), write(tmp_path / "a", OBJECTS[:15])]
+    samples = Samples(folders)
+    assert len(samples) == 60
+    assert list(samples.object[::2]) == sorted(OBJECTS)
+    again = pickle.loads(pickle.dumps(samples))
+    for body in (0, 31, 59):
+        np.testing.assert_array_equal(samples.row("points", body), again.row("points", body))
+        alone = Samples([write(tmp_path / f"alone-{body}", [str(samples.object[body])])])
+        np.testing.assert_array_equal(alone.row("log_omega", body % 2), samples.row("log_omega", body))
+
+
+def test_features_of_other_materials_are_refused(tmp_path):
+    folders = [write(tmp_path / "a", OBJECTS[:2]), write(tmp_path / "b", OBJECTS[2:4])]
+    record = json.loads((folders[1] / "features.json").read_text())
+    (folders[1] / "features.json").write_text(
+        json.dumps({**record, "materials": {"tin": MATERIALS["steel"]}})
+    )
+    with pytest.raises(ValueError, match="holds other materials than"):
+        Samples(folders)
+    with pytest.raises(FileNotFoundError, match="holds no features; make them"):
+        at(tmp_path)
+
+
+@pytest.fixture(scope="module")
+def samples(tmp_path_factory):
+    return Samples([write(tmp_path_factory.mktemp("sides") / "0", [*OBJECTS, "own-0001"])])
+
+
+def divided(samples, tmp_path, split: str, copies=None, hold_out=()):
+    rows = from_tsv(
+        write_splits(tmp_path / "splits.tsv", [*OBJECTS, "own-0001"], copies).read_text(), SPLIT_COLUMNS
+    )
+    return sides(samples, split, {row["object"]: row for row in rows}, 3, hold_out)
+
+
+@pytest.mark.parametrize("split", ["object", "family-0", "family-1", "family-2"])
+def test_every_body_is_on_one_side_with_its_twin(samples, tmp_path, split):
+    found = divided(samples, tmp_path, split, hold_out=["files"])
+    together = np.concatenate(list(found.values()))
+    assert sorted(together) == list(range(len(samples)))
+    of = {name: set(samples.object[bodies]) for name, bodies in found.items()}
+    assert sum(map(len, of.values())) == len(OBJECTS) + 1
+    assert of["held_out"] == {"own-0001"}
+
+
+def test_a_family_is_tested_once_and_then_never_trained_on(samples, tmp_path):
+    tested = []
+    for fold in range(3):
+        found = divided(samples, tmp_path, f"family-{fold}")
+        families = set(samples.family[found["test"]])
+        assert not families & set(samples.family[np.concatenate([found["train"], found["validation"]])])
+        tested += families
+    assert sorted(tested) == sorted(set(samples.family))
+
+
+def test_a_copy_is_on_the_side_of_its_original(samples, tmp_path):
+    for fold in range(3):
+        found = divided(samples, tmp_path, f"family-{fold}", copies={"tin-0002": "bar-0001"})
+        side = {object_: name for name, bodies in found.items() for object_ in samples.object[bodies]}
+        assert side["tin-0002"] == side["bar-0001"]
+
+
+def test_an_empty_side_is_one_sentence(tmp_path):
+    few = Samples([write(tmp_path / "few", OBJECTS[:3])])
+    rows = from_tsv(write_splits(tmp_path / "splits.tsv", OBJECTS[:3]).read_text(), SPLIT_COLUMNS)
+    with pytest.raises(
+        TooFew, match=r"of 3 objects leaves no body for validation; add objects, or raise the share"
+    ):
+        sides(few, "object", {row["object"]: row for row in rows}, 3, ())
+    with pytest.raises(TooFew, match=r"lower learn.folds below 3: there are 1 families"):
+        sides(few, "family-2", {row["object"]: row for row in rows}, 3, ())
+    assert OPTIONS.points == 512

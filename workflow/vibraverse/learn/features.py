@@ -1,0 +1,174 @@
+"""Features: the arrays that training reads, made from one shard of the dataset.
+
+An epoch of training that read the shards would decompress megabytes for every body. Here each body is a row of a few
+plain arrays, which are memory-mapped. A body has its surface as points, its spectrum over Poisson's ratio, a few
+invariants and its frequencies in every named material; an object has its pictures, which both bodies share.
+"""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from vibraverse.contract.seeds import rng
+from vibraverse.contract.texts import unknown
+from vibraverse.files.basis import read_basis
+from vibraverse.geometry import surfaces
+from vibraverse.learn.invariants import invariants
+from vibraverse.physics.modes import reduced_solve
+
+if TYPE_CHECKING:
+    from vibraverse.dataset.read.reader import Reader
+
+#: Array -> what a row is, and its unit.
+ARRAYS = {
+    "points": "points on the surface (p, 6): position (normalised length), outward normal",
+    "invariants": "scale-free invariants (5,) of the shape, see `vibraverse.learn.invariants`",
+    "log_omega": "logarithm of the dimensionless frequencies (k, m) at Poisson's ratios `poisson`",
+    "frequencies_hz": "frequencies in Hz (n, m) in the named materials, corrected as in the dataset",
+    "volume_m3": "volume in m³",
+    "size_m": "longest side in m",
+    "thickness": "t of a hollow body's cavity, not a number for a solid one",
+    "object_row": "row of the body's object in `views`",
+    "views": "pictures of an object (v, px, px, 3), 0 to 255",
+}
+
+
+class Unusable(ValueError):
+    """A dataset that training cannot use, in one sentence that says what to change."""
+
+
+def write_features(reader: Reader, folder: Path, options) -> dict:
+    """Write the arrays of a shard's bodies into a folder; return what describes their rows and columns.
+
+    ``options`` are :class:`vibraverse.config.learn.Features`. A shard without bodies, whose objects are all refused,
+    has no arrays. Raises :class:`Unusable` for bodies with different numbers of modes, or without the pictures or
+    Poisson's ratios asked for.
+    """
+    bodies = _bodies(reader)
+    materials = _materials(reader, bodies)
+    objects = sorted({object_ for object_, _ in bodies})
+    number = {name: row for row, name in enumerate(objects)}
+    poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
+    arrays: dict[str, np.memmap] = {}
+    for row, (object_, solidity) in enumerate(bodies):
+        values = _body(reader, object_, solidity, materials, poisson, options)
+        _put(folder, arrays, row, len(bodies), values | {"object_row": np.int64(number[object_])})
+    for row, object_ in enumerate(objects):
+        pictures = _pictures(reader, object_, options.look, options.view_px)
+        _put(folder, arrays, row, len(objects), {"views": pictures})
+    parameters = ("density_kg_m3", "young_pa", "poisson")
+    return {
+        "bodies": {
+            "object": [object_ for object_, _ in bodies],
+            "solidity": [solidity for _, solidity in bodies],
+            **_origins(reader, bodies),
+        },
+        "objects": objects,
+        "materials": {
+            name: {one: float(reader.read(one, *bodies[0], material=name)) for one in parameters}
+            for name in materials
+        },
+        "poisson": poisson.tolist(),
+        "arrays": {
+            name: {"shape": array.shape, "dtype": str(array.dtype), "meaning": ARRAYS[name]}
+            for name, array in arrays.items()
+        },
+    }
+
+
+def _bodies(reader: Reader) -> list[tuple[str, str]]:
+    """Return object and solidity of every body, sorted."""
+    objects, solidities = (reader.items.column(name).tolist() for name in ("object", "solidity"))
+    return sorted(set(zip(objects, solidities, strict=True)), key=lambda body: (body[0], body[1] == "hollow"))
+
+
+def _materials(reader: Reader, bodies: list[tuple[str, str]]) -> list[str]:
+    """Return the names of the materials, which all bodies of a dataset have."""
+    return sorted(reader.group(bodies[0][0])[f"{bodies[0][1]}/materials"]) if bodies else []
+
+
+def _origins(reader: Reader, bodies: list[tuple[str, str]]) -> dict[str, list[str]]:
+    """Return origin and family of every body: of a generated one its shape family, else its category or its id."""
+    columns = (reader.items.column(name).tolist() for name in ("object", "origin", "category"))
+    known = {object_: (origin, category) for object_, origin, category in zip(*columns, strict=True)}
+    family = {
+        object_: object_.rpartition("-")[0] if origin == "generated" else category or object_
+        for object_, (origin, category) in known.items()
+    }
+    return {
+        "origin": [known[object_][0] for object_, _ in bodies],
+        "family": [family[object_] for object_, _ in bodies],
+    }
+
+
+def _body(reader: Reader, object_: str, solidity: str, materials: list[str], poisson, options) -> dict:
+    """Return the row of a body in every array."""
+    place = {"object": object_, "solidity": solidity}
+    prefix = "surface" if solidity == "solid" else "boundary"
+    vertices, faces = (reader.read(f"{prefix}_{part}", **place) for part in ("vertices", "faces"))
+    basis = read_basis(reader.group(object_)[f"{solidity}/basis"], surface=False)
+    low, high = basis.poisson_range
+    if not low <= poisson[0] <= poisson[-1] <= high:
+        raise Unusable(
+            f"the basis of {object_}, {solidity}, holds for Poisson's ratios {low:g} to {high:g}, not "
+            f"{poisson[0]:g} to {poisson[-1]:g}; narrow learn.features.poisson_range"
+        )
+    frequencies = np.stack([reader.read("frequencies_hz", **place, material=name) for name in materials])
+    cavity = reader.read("hollow", **place) if solidity == "hollow" else {"t": np.nan}
+    return {
+        "points": sample_surface(vertices, faces, options.points, rng(object_, solidity, "points")),
+        "invariants": invariants(vertices, faces).astype(np.float32),
+        "log_omega": spectrum(basis, poisson, frequencies.shape[1]).astype(np.float32),
+        "frequencies_hz": frequencies,
+        "volume_m3": np.float64(reader.read("volume_m3", **place, material=materials[0])),
+        "size_m": np.float64(reader.read("size_m", **place)),
+        "thickness": np.float64(cavity["t"]),
+    }
+
+
+def spectrum(basis, poisson, modes: int) -> np.ndarray:
+    """Return the logarithm of the dimensionless frequencies (k, m) of a body at Poisson's ratios (k,)."""
+    values = np.stack([reduced_solve(basis, float(nu), modes).values for nu in poisson])
+    return 0.5 * np.log(values) + np.log(basis.volume) / 3.0
+
+
+def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, random) -> np.ndarray:
+    """Return points (count, 6) float32, uniform on a closed surface, with the unit normals of their triangles."""
+    normals, areas = surfaces.normals_and_areas(vertices, faces)
+    chosen = random.choice(len(faces), size=count, p=areas / areas.sum())
+    across = np.sqrt(random.random((count, 1)))
+    along = random.random((count, 1))
+    a, b, c = surfaces.corners(vertices, faces[chosen])
+    places = (1.0 - across) * a + across * (1.0 - along) * b + across * along * c
+    return np.concatenate([places, normals[chosen]], axis=1).astype(np.float32)
+
+
+def _pictures(reader: Reader, object_: str, look: str, size_px: int) -> np.ndarray:
+    """Return the pictures (v, px, px, 3) of an object in one look."""
+    from PIL import Image
+
+    views = reader.group(object_)["views"]
+    if look not in views:
+        raise Unusable(f"learn.features.look: {unknown('look', look, list(views))}")
+    pictures = (Image.open(io.BytesIO(png.tobytes())).convert("RGB") for png in views[look][()])
+    return np.stack([np.asarray(one.resize((size_px, size_px), Image.Resampling.BOX)) for one in pictures])
+
+
+def _put(folder: Path, arrays: dict[str, np.memmap], row: int, rows: int, values: dict) -> None:
+    """Write the row of every array; the first one makes the files."""
+    for name, value in values.items():
+        value = np.asarray(value)
+        if name not in arrays:
+            arrays[name] = np.lib.format.open_memmap(
+                folder / f"{name}.npy", "w+", value.dtype, (rows, *value.shape)
+            )
+        if value.shape != arrays[name].shape[1:]:
+            raise Unusable(
+                f"row {row} of {name} has the shape {value.shape}, the first {arrays[name].shape[1:]}; all bodies of a "
+                "dataset need the same basis.modes, materials and images.views"
+            )
+        arrays[name][row] = value

@@ -1,0 +1,88 @@
+"""What answers are worth: measures by side, by what bodies have in common, with intervals.
+
+A row holds ``side``, ``source`` (what the bodies have in common; "all" for all of them), ``measure``, ``value``, and
+where there is an interval ``low`` and ``high``; ``count`` is the number of bodies.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from vibraverse.learn.metrics import bootstrap, frequency_errors, wilson
+from vibraverse.learn.samples import Samples
+from vibraverse.learn.scaling import scaled
+from vibraverse.learn.sides import HELD_OUT, TEST
+
+#: Bounds of the thickness t by which bodies are looked at.
+_THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
+#: Predicted frequencies are at least this many Hz: their ratio to the truth has a logarithm.
+_LOWEST_HZ = 1e-3
+
+
+def judged(task, answers: Callable[[str], dict[str, np.ndarray]]) -> tuple[dict[str, np.ndarray], list[dict]]:
+    """Return the answers on all tested sides, as ``side/name``, and the rows of their measures.
+
+    ``answers(side)`` returns what the task's ``judge`` takes. Sides without bodies are left out.
+    """
+    found: dict[str, np.ndarray] = {}
+    rows: list[dict] = []
+    for side in (TEST, HELD_OUT):
+        bodies = task.sides[side]
+        if len(bodies):
+            said = answers(side)
+            found |= {f"{side}/{name}": values for name, values in said.items()}
+            found[f"{side}/body"] = np.array([task.samples.ids[body] for body in bodies])
+            rows += [{"side": side, **row} for row in task.judge(bodies, said)]
+    return found, rows
+
+
+def judge_frequencies(samples: Samples, bodies: np.ndarray, found_hz: np.ndarray) -> list[dict]:
+    """Return the rows of frequencies (n, materials, m) in Hz of bodies (n,) in all named materials."""
+    rows = []
+    true_hz = samples.rows("frequencies_hz", bodies)
+    for source, mask in _sources(samples, bodies).items():
+        shape = (-1, found_hz.shape[-1])
+        found, true = np.maximum(found_hz[mask].reshape(shape), _LOWEST_HZ), true_hz[mask].reshape(shape)
+        measures = frequency_errors(found, true)
+        measures["scaled_mse"] = float(np.square(scaled(found) - scaled(true)).mean())
+        objects = np.repeat(samples.object[bodies[mask]], found_hz.shape[1])
+        low, high = bootstrap(np.abs(found / true - 1.0), objects)
+        for name, value in measures.items():
+            interval = {"low": low, "high": high} if name == "median" else {}
+            rows.append(
+                {"source": source, "measure": name, "value": value, "count": int(mask.sum()), **interval}
+            )
+    return rows
+
+
+def judge_solidity(samples: Samples, bodies: np.ndarray, hollow: np.ndarray) -> list[dict]:
+    """Return the rows of probabilities (n,) that bodies (n,) are hollow."""
+    right = (hollow > 0.5) == (samples.solidity[bodies] == "hollow")
+    rows = []
+    for source, mask in _sources(samples, bodies).items():
+        hits, count = int(right[mask].sum()), int(mask.sum())
+        low, high = wilson(hits, count)
+        about = {"source": source, "measure": "accuracy", "count": count}
+        rows.append({**about, "value": hits / count, "low": low, "high": high})
+    return rows
+
+
+def _sources(samples: Samples, bodies: np.ndarray) -> dict[str, np.ndarray]:
+    """Return masks (n,) of the bodies that have something in common: everything, an origin, a solidity, a thickness.
+
+    The thickness of an object is that of its hollow body.
+    """
+    origin, solidity, object_ = samples.origin[bodies], samples.solidity[bodies], samples.object[bodies]
+    own = samples.rows("thickness", bodies)
+    of_object = {name: t for name, t in zip(object_, own, strict=True) if not np.isnan(t)}
+    thickness = np.array([of_object.get(name, np.nan) for name in object_])
+    masks = {"all": np.ones(len(bodies), dtype=bool)}
+    masks |= {f"origin {name}": origin == name for name in sorted(set(origin))}
+    masks |= {name: solidity == name for name in ("solid", "hollow")}
+    masks |= {
+        f"t {low:g}-{high:g}": (thickness >= low) & (thickness < high) for low, high in pairwise(_THICKNESS)
+    }
+    return {name: mask for name, mask in masks.items() if mask.any()}

@@ -1,0 +1,1 @@
+"""Networks, one file each; every file can be read in one sitting."""

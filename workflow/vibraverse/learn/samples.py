@@ -1,0 +1,90 @@
+"""The samples of a dataset: the features of all its shards as one table of bodies."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from vibraverse.contract.products import read_json
+from vibraverse.contract.texts import advised
+
+#: Name of the record in a folder of features.
+RECORD = "features.json"
+
+
+class Samples:
+    """The bodies of a dataset, sorted by object, the solid one first; arrays are memory-mapped.
+
+    ``object``, ``solidity``, ``origin`` and ``family`` are arrays of texts (n,). ``materials`` maps names to their
+    parameters, ``poisson`` (k,) are the ratios at which ``log_omega`` is known. :meth:`rows` reads any array of
+    :data:`vibraverse.learn.features.ARRAYS`.
+
+    Raises :class:`ValueError` for features that do not belong together, or hold no body.
+    """
+
+    def __init__(self, folders: Sequence[str | Path]):
+        records = {Path(folder): read_json(Path(folder) / RECORD) for folder in folders}
+        records = {folder: record for folder, record in records.items() if record["objects"]}
+        if not records:
+            raise ValueError(
+                "no object of the dataset has a body; `vibraverse refusals` says why all are refused"
+            )
+        self.folders, records = list(records), list(records.values())
+        for folder, record in zip(self.folders, records, strict=True):
+            for what in ("materials", "poisson"):
+                if record[what] != records[0][what]:
+                    raise ValueError(
+                        f"{folder} holds other {what} than {self.folders[0]}; run the same command again, which makes "
+                        "the features that are out of date"
+                    )
+        self.materials: dict[str, dict[str, float]] = records[0]["materials"]
+        self.poisson = np.array(records[0]["poisson"])
+        names = ("object", "solidity", "origin", "family")
+        columns = {name: np.concatenate([one["bodies"][name] for one in records]) for name in names}
+        counts = [len(one["bodies"]["object"]) for one in records]
+        order = np.lexsort((columns["solidity"] == "hollow", columns["object"]))
+        self.object, self.solidity, self.origin, self.family = (columns[name][order] for name in names)
+        self._shard = np.repeat(np.arange(len(counts)), counts)[order]
+        self._row = np.concatenate([np.arange(count) for count in counts])[order]
+        self._maps: dict[str, list[np.ndarray]] = {}
+
+    def __len__(self) -> int:
+        return len(self.object)
+
+    def __getstate__(self) -> dict:
+        return {**self.__dict__, "_maps": {}}  # workers map the files themselves
+
+    def row(self, name: str, body: int) -> np.ndarray:
+        """Return a body's row of an array, or that of its object for ``views``."""
+        shard, row = self._shard[body], self._row[body]
+        if name == "views":
+            row = self._map("object_row")[shard][row]
+        return self._map(name)[shard][row]
+
+    def rows(self, name: str, bodies: Sequence[int] | None = None) -> np.ndarray:
+        """Return the rows of some bodies, or of all, in their order."""
+        chosen = range(len(self)) if bodies is None else bodies
+        return np.stack([self.row(name, int(body)) for body in chosen])
+
+    @cached_property
+    def ids(self) -> list[str]:
+        """The bodies' names for messages: ``mug-0003 hollow``."""
+        return [f"{one} {body}" for one, body in zip(self.object, self.solidity, strict=True)]
+
+    def _map(self, name: str) -> list[np.ndarray]:
+        if name not in self._maps:
+            self._maps[name] = [np.load(folder / f"{name}.npy", mmap_mode="r") for folder in self.folders]
+        return self._maps[name]
+
+
+def at(results: str | Path) -> Samples:
+    """Return the samples of a results folder; raise :class:`FileNotFoundError` if it holds no features."""
+    folders = sorted(path.parent for path in Path(results).glob(f"learn/features/*/{RECORD}"))
+    if not folders:
+        raise FileNotFoundError(
+            f"{results} holds no features; make them with {advised('learn', results=results)}"
+        )
+    return Samples(folders)

@@ -1,0 +1,41 @@
+"""The benchmark tasks: what a network gets, what it is asked, and how its answers are judged."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from vibraverse.contract.errors import UsageError
+from vibraverse.dataset.schema import SPLIT_COLUMNS
+from vibraverse.dataset.schema.tables import from_tsv
+from vibraverse.learn.samples import Samples
+from vibraverse.learn.sides import TooFew, sides
+
+#: Task -> its class, imported when it is asked for.
+TASKS = {"frequencies": "frequencies:Frequencies", "solidity": "solidity:Solidity"}
+
+
+def task_at(features: Sequence[Path], splits: Path, options):
+    """Return a task over features, named by their records; ``options`` are :class:`vibraverse.config.learn.RunOptions`.
+
+    Raises :class:`UsageError` for a dataset that the task cannot use.
+    """
+    try:
+        samples = Samples([record.parent for record in features])
+        rows = {row["object"]: row for row in from_tsv(splits.read_text(encoding="utf-8"), SPLIT_COLUMNS)}
+        missing = sorted(set(samples.object) - set(rows))
+        if missing:
+            raise UsageError(
+                f"{splits} lacks the object {missing[0]}: features and splits are of different datasets; run the same "
+                "command again, which makes what is out of date"
+            )
+        chosen = sides(samples, options.split, rows, options.folds, options.hold_out)
+    except TooFew as error:
+        raise UsageError(f"learn: {error}") from None
+    except ValueError as error:
+        raise UsageError(f"{splits}: {error}") from None
+    module, _, name = TASKS[options.task].partition(":")
+    return getattr(importlib.import_module(f"vibraverse.learn.tasks.{module}"), name)(
+        samples, chosen, options
+    )

@@ -1,0 +1,188 @@
+"""Task ``frequencies``: the frequencies of a body from its shape and its material.
+
+``published`` is the network of the VibraVerse paper: shape and material to 64 frequencies on the scaled mel scale.
+``physics`` predicts the dimensionless spectrum from the shape and Poisson's ratio alone. Young's modulus, density and
+size enter exactly, the frequencies ascend by construction, and every sample of every epoch has a Poisson's ratio of its
+own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from torch import nn
+
+from vibraverse.learn.judging import judge_frequencies
+from vibraverse.learn.metrics import frequency_errors
+from vibraverse.learn.networks.dense import dense, material_network
+from vibraverse.learn.networks.octree import OctreeNetwork, rotations, turned
+from vibraverse.learn.networks.siren import Siren
+from vibraverse.learn.samples import Samples
+from vibraverse.learn.scaling import unit_hz, unscaled
+from vibraverse.learn.task import Keyed, Task
+from vibraverse.learn.tasks.bodies import Bodies, chosen
+
+#: Widths of the encoders, as published.
+_SHAPE, _MATERIAL = 128, 32
+#: Relative error at which the loss of ``physics`` turns from quadratic to linear.
+_KNEE = 0.02
+
+
+class Published(nn.Module):
+    """Shape (128) and material (32) to scaled frequencies, through a SIREN."""
+
+    def __init__(self, network, modes: int):
+        super().__init__()
+        self.shape = OctreeNetwork(network.depth, _SHAPE)
+        self.material = material_network(_MATERIAL)
+        self.head = Siren(_SHAPE + _MATERIAL, network.width, network.layers, modes)
+
+    def forward(self, batch: dict) -> torch.Tensor:
+        """Return scaled frequencies (B, m)."""
+        parts = [self.shape(batch["points"]), self.material(batch["material"])]
+        return self.head(torch.cat(parts, dim=-1)).float()
+
+
+class Physics(nn.Module):
+    """Shape, its invariants and Poisson's ratio to the logarithms of the dimensionless frequencies, ascending.
+
+    The network starts from ``mean`` (m,), that of the training side, and learns the departures from it. Sorting keeps
+    the order. (Steps from mode to mode, each positive, keep it too, but an error in one moves all above it: after 150
+    steps on eight bodies they were a hundred times farther off.) ``centre`` and ``spread`` (i,) normalise the
+    logarithms of the invariants.
+    """
+
+    def __init__(self, network, mean: np.ndarray, centre: np.ndarray, spread: np.ndarray):
+        super().__init__()
+        self.shape = OctreeNetwork(network.depth, _SHAPE)
+        self.head = dense(_SHAPE + len(centre) + 1, network.width, network.layers, len(mean))
+        nn.init.zeros_(self.head[-1].weight)
+        nn.init.zeros_(self.head[-1].bias)
+        for name, values in (("mean", mean), ("centre", centre), ("spread", spread)):
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
+
+    def forward(self, batch: dict) -> torch.Tensor:
+        """Return the logarithms (B, m)."""
+        invariants = (batch["invariants"] - self.centre) / self.spread
+        poisson = (batch["poisson"][:, None] - 0.25) / 0.15
+        found = self.head(torch.cat([self.shape(batch["points"]), invariants, poisson], dim=-1)).float()
+        return torch.sort(self.mean + found, dim=-1).values
+
+
+class Shapes(Keyed):
+    """Bodies as points, invariants, material and frequencies.
+
+    With a ``seed`` each item draws points, a rotation, a material and a Poisson's ratio of its own.
+    """
+
+    def __init__(self, bodies: Bodies, points: int, seed: int | None):
+        super().__init__(bodies, seed or 0, self._drawn)
+        self._random = seed is not None
+        self.points = points
+
+    def _drawn(self, item: dict, random: np.random.Generator) -> dict[str, np.ndarray]:
+        random = random if self._random else None
+        samples, body = self.items.samples, item["body"]
+        number, values = self.items.of_material(item, random)
+        points, turn, poisson = samples.row("points", body), (1.0, 0, 0, 0), self.items.parameters[number, 2]
+        picked = slice(self.points)
+        if random is not None:
+            picked = random.choice(len(points), size=min(self.points, len(points)), replace=False)
+            turn, poisson = random.normal(size=4), random.uniform(samples.poisson[0], samples.poisson[-1])
+        return values | {
+            "points": np.array(points[picked]),
+            "turn": np.array(turn, dtype=np.float32),
+            "invariants": np.log(samples.row("invariants", body)),
+            "poisson": np.float32(poisson),
+            "log_omega": np.array(samples.row("log_omega", body)),
+        }
+
+
+class Frequencies(Task):
+    """The task for the trainer: ``sides`` maps the sides of a split to numbers of bodies."""
+
+    best = "median"
+
+    def __init__(self, samples: Samples, sides: dict[str, np.ndarray], options):
+        self.samples, self.sides, self.options = samples, sides, options
+        self._published = options.model == "published"
+
+    def model(self) -> nn.Module:
+        """Return the model of the options, untrained."""
+        train = chosen(self.samples, self.sides, "train")
+        if self._published:
+            return Published(self.options.network, self.samples.row("log_omega", 0).shape[-1])
+        invariants = np.log(self.samples.rows("invariants", train))
+        mean = self.samples.rows("log_omega", train).mean(axis=(0, 1))
+        return Physics(self.options.network, mean, invariants.mean(axis=0), invariants.std(axis=0) + 1e-6)
+
+    def dataset(self, split: str, material: int = 0) -> Shapes:
+        """Return the bodies of a side; those of ``train`` are drawn anew in each epoch, others have one material."""
+        bodies = Bodies(self.samples, chosen(self.samples, self.sides, split), material)
+        return Shapes(bodies, self.options.network.points, self.options.seed if split == "train" else None)
+
+    def ids(self, split: str) -> list[str]:
+        """Return the names of a side's bodies."""
+        return [self.samples.ids[body] for body in self.sides[split]]
+
+    def prepare(self, batch: dict, device) -> dict:
+        """Return the batch on a device, its bodies turned, with the spectrum at the Poisson's ratio of each."""
+        batch = super().prepare(batch, device)
+        nodes = torch.tensor(self.samples.poisson, dtype=torch.float32, device=device)
+        points = turned(batch["points"], rotations(batch["turn"]))
+        return {**batch, "points": points, "log_omega": between(nodes, batch["log_omega"], batch["poisson"])}
+
+    def losses(self, model: nn.Module, batch: dict) -> torch.Tensor:
+        """Return the loss of every sample (B,)."""
+        found = model(batch)
+        if self._published:
+            return (found - batch["scaled"]).square().mean(dim=-1)
+        target = batch["log_omega"]
+        return nn.functional.smooth_l1_loss(found, target, beta=_KNEE, reduction="none").mean(dim=-1)
+
+    def predict(self, model: nn.Module, batch: dict) -> dict[str, torch.Tensor]:
+        """Return predicted and true values (B, m): on the scaled mel scale for ``published``, else logarithms."""
+        return {"found": model(batch), "true": batch["scaled" if self._published else "log_omega"]}
+
+    def score(self, predictions: dict[str, np.ndarray]) -> dict[str, float]:
+        """Return the errors of the frequencies."""
+        to_frequencies = unscaled if self._published else np.exp
+        found, true = (to_frequencies(predictions[name].astype(np.float64)) for name in ("found", "true"))
+        return frequency_errors(np.maximum(found, 1e-3), true)
+
+    def answers(self, side: str, predict: Callable[..., dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+        """Return predicted and true frequencies (n, materials, m) of a side in Hz.
+
+        ``predict(side, dataset)`` returns what :meth:`predict` gives for every sample.
+        """
+        bodies = self.sides[side]
+        found = [
+            self.hertz(predict(side, self.dataset(side, number))["found"], bodies, number)
+            for number in range(len(self.samples.materials))
+        ]
+        return {"found_hz": np.stack(found, axis=1), "true_hz": self.samples.rows("frequencies_hz", bodies)}
+
+    def judge(self, bodies: np.ndarray, answers: dict[str, np.ndarray]) -> list[dict]:
+        """Return the measures of answers about bodies (n,), see :mod:`vibraverse.learn.judging`."""
+        return judge_frequencies(self.samples, bodies, answers["found_hz"])
+
+    def hertz(self, found: np.ndarray, bodies: np.ndarray, material: int) -> np.ndarray:
+        """Return predictions (n, m) for bodies (n,) in a named material as frequencies in Hz."""
+        if self._published:
+            return unscaled(found.astype(np.float64))
+        one = list(self.samples.materials.values())[material]
+        volume = self.samples.rows("volume_m3", bodies)
+        return (
+            np.exp(found.astype(np.float64)) * unit_hz(volume, one["young_pa"], one["density_kg_m3"])[:, None]
+        )
+
+
+def between(nodes: torch.Tensor, values: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
+    """Return values (B, m) at ``at`` (B,), linear between those (B, k, m) at equidistant nodes (k,)."""
+    place = (at - nodes[0]) / (nodes[1] - nodes[0])
+    low = place.floor().clamp(0, len(nodes) - 2).long()
+    share = (place - low)[:, None]
+    rows = torch.arange(len(at), device=at.device)
+    return (1 - share) * values[rows, low] + share * values[rows, low + 1]
