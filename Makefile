@@ -5,7 +5,7 @@ LEARN ?= .venv-learn
 CORES ?= all
 SHELL := /bin/bash
 .DEFAULT_GOAL := help
-.PHONY: help env demo test lint lock docs clean dev learn containers test-cluster
+.PHONY: help env demo test lint lock docs clean dev learn learn-demo containers test-cluster
 unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 
 # Puts the environment's commands first, so that rules and tests find `vibraverse`.
@@ -28,7 +28,7 @@ test: dev  ## run the tests, then those of learning in their own environment
 	@envs/system.sh '$(VENV)/bin/python' test
 	@$(IN_VENV) pytest $(PARALLEL) --ignore tests/learn --ignore tests/cluster
 	@envs/env.sh '$(LEARN)' learn dev
-	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" pytest tests/learn
+	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" pytest $(PARALLEL) tests/learn
 
 test-cluster: dev  ## run the workflow through a Slurm and images made here; as root, on Debian (SHORT=1: no accidents)
 	@$(IN_VENV) pytest tests/cluster $(if $(SHORT),-m 'not long')
@@ -41,6 +41,12 @@ lint: dev  ## check formatting, style and the workflow's rules
 
 dev:  ## make or update .venv with the tools of development
 	@envs/env.sh '$(VENV)' dev
+
+learn-demo:  ## make a small dataset and train every model of the benchmark tasks on it for a moment
+	@envs/env.sh '$(LEARN)' learn workstation
+	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" snakemake learn --cores $(CORES) --configfile examples/learn.yaml \
+		--workflow-profile workflow/profiles/default
+	@echo "The table: $(CURDIR)/results-learn/learn/results.tsv"
 
 learn:  ## make or update .venv-learn, the environment with torch
 	@envs/env.sh '$(LEARN)' learn

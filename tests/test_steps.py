@@ -25,9 +25,10 @@ AS_PARAMETERS = {("index", "resolved")}
 #: Inputs that the stage finds by itself, listed in the rule for Snakemake's sake.
 FOUND_BY_THE_STAGE = {("dataset", "products")}
 _VALIDATION = dict.fromkeys(("validation_meshes", "validation_modes", "validation_table"), "validation")
+_LEARNING = dict.fromkeys(("features", "train", "evaluate", "baselines", "results"), "learn")
 #: Stages that share a page in ``docs/``, and stages that share a test file, each with its name.
-SHARED_PAGES = {"index": "dataset", **_VALIDATION}
-SHARED_TESTS = {**_VALIDATION}
+SHARED_PAGES = {"index": "dataset", **_VALIDATION, **_LEARNING}
+SHARED_TESTS = {**_VALIDATION, "evaluate": "tasks", "baselines": "tasks", "results": "tasks"}
 #: Stages of other runs than the one that ``docs/architecture.md`` draws.
 NOT_DRAWN = {*_VALIDATION}
 
@@ -123,8 +124,7 @@ def test_a_rule_says_what_its_step_says(rules, name):
         if callable(pattern):
             assert given == f"<{pattern.__name__}>"
         elif input_.many:
-            before, _, after = pattern.partition("{")
-            after = after.partition("}")[2]
+            before, after = pattern.partition("{")[0], pattern.rpartition("}")[2]
             assert given
             assert all(one.startswith(before) and one.endswith(after) for one in given)
         else:
@@ -134,7 +134,7 @@ def test_a_rule_says_what_its_step_says(rules, name):
     assert f"vibraverse-{step.family}-" in rule["container"]
     assert rule["params"]["version"] == str(step.version)
     assert ("options" in rule["params"]) == bool(step.options)
-    words = rule["shell"].split()
+    words = rule["shell"].removeprefix("{params.claim}").split()
     assert words[:2] == ["vibraverse", name]
     for wildcard in step.wildcards if step.per in (OBJECT, BODY) else ():
         flag = f"--{wildcard} {{wildcards.{wildcard}}}"
@@ -156,7 +156,9 @@ def test_products_have_one_name_and_one_place():
         for output in step.outputs.values():
             assert all(f"{{{wildcard}}}" in output.path for wildcard in step.wildcards)
         assert step.record in step.outputs or step.name == "report"
-        assert step.passes_refusals == (step.per not in ("shard", "dataset", "validation"))
+        assert step.passes_refusals == (
+            step.per not in ("shard", "dataset", "validation", "training", "comparison", "learning")
+        )
 
 
 def test_every_input_is_made_by_an_earlier_stage():

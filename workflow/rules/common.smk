@@ -30,3 +30,7 @@ wildcard_constraints:
     solidity="solid|hollow",
     shard=r"\d{5}",
     body=r"[a-z-]+",
+    task=r"[a-z]+",
+    split=r"object|family-\d+",
+    model=r"[a-z]+",
+    seed=r"\d+",

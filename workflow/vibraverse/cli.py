@@ -206,11 +206,15 @@ def _run_stage(step: Step, argv: list[str]) -> None:
     def named(group: str, arguments) -> dict:
         return {key: values[f"{group}.{key}"] for key in arguments if values[f"{group}.{key}"] is not None}
 
+    inputs = named("inputs", step.inputs)
+    for key, place in inputs.items():
+        file = step.inputs[key].file
+        inputs[key] = [file(one) for one in place] if isinstance(place, list) else file(place)
     job = Job(
         step=step,
         object=values.get("object", ""),
         solidity=values.get("solidity", ""),
-        inputs=named("inputs", step.inputs),
+        inputs=inputs,
         final=named("outputs", step.outputs),
         options=options,
         threads=values["threads"],

@@ -12,6 +12,7 @@ from pydantic import BaseModel, Field, ValidationError, field_validator, model_v
 from vibraverse.config.base import Section
 from vibraverse.config.dataset import Dataset, Report
 from vibraverse.config.geometry import Clean, Grids, Hollow, Tets
+from vibraverse.config.learn import Learn
 from vibraverse.config.media import Audio, Images
 from vibraverse.config.physics import Basis, Material, Modes, Sampled
 from vibraverse.config.sources import Sources
@@ -87,6 +88,9 @@ class Config(Section):
     report: Report = Report()
     """The report: a web page."""
 
+    learn: Learn = Learn()
+    """Training on the dataset, with ``snakemake learn``."""
+
     @field_validator("results")
     @classmethod
     def _expand_home(cls, path):
@@ -151,6 +155,19 @@ class Config(Section):
                 raise ValueError(
                     f"images.looks: {unknown('look', look, LOOKS)}; or a material of your own, in clay"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _features_exist(self):
+        features, (lowest, highest) = self.learn.features, self.basis.poisson_range
+        low, high = features.poisson_range
+        if "learn" in self.model_fields_set and not lowest <= low <= high <= highest:
+            raise ValueError(
+                f"learn.features.poisson_range ({low:g} to {high:g}) must lie in basis.poisson_range ({lowest:g} to "
+                f"{highest:g}); narrow the one, or widen the other"
+            )
+        if "learn" in self.model_fields_set and features.look not in self.images.looks:
+            raise ValueError(f"learn.features.look: {unknown('look', features.look, self.images.looks)}")
         return self
 
     @model_validator(mode="after")

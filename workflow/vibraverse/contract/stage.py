@@ -98,7 +98,10 @@ class Job:
 
 
 def _checksums(files: Mapping[str, Path | list[Path]], names) -> dict:
-    """Return the SHA-256 of files by argument; for a list and for a folder, by argument and file name."""
+    """Return the SHA-256 of files by argument; for a list and for a folder, by argument and file name.
+
+    Files of one name get their folder's name too.
+    """
     found = {}
     for name in names:
         path = files[name]
@@ -106,7 +109,11 @@ def _checksums(files: Mapping[str, Path | list[Path]], names) -> dict:
         if several is None:
             found[name] = products.sha256(path)
         else:
-            found[name] = {one.name: products.sha256(one) for one in several}
+            alike = len({one.name for one in several}) < len(several)
+            found[name] = {
+                f"{one.parent.name}/{one.name}" if alike else one.name: products.sha256(one)
+                for one in several
+            }
     return found
 
 

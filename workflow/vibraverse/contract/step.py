@@ -6,16 +6,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-#: What a stage has one job for: an object, one of its bodies, a shard, the dataset, a body with known frequencies, or
-#: the whole validation.
-OBJECT, BODY, SHARD, DATASET, KNOWN_BODY, VALIDATION = (
+#: What a stage has one job for: an object, one of its bodies, a shard, the dataset, a body with known frequencies, the
+#: whole validation, a training, a split of a task, or all of learning.
+OBJECT, BODY, SHARD, DATASET, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, LEARNING = (
     "object",
     "body",
     "shard",
     "dataset",
     "known body",
     "validation",
+    "training",
+    "comparison",
+    "learning",
 )
+#: What its products' paths carry.
+_WILDCARDS = {
+    OBJECT: ("object",),
+    BODY: ("object", "solidity"),
+    SHARD: ("shard",),
+    KNOWN_BODY: ("body",),
+    TRAINING: ("task", "split", "model", "seed"),
+    COMPARISON: ("task", "split"),
+}
 
 
 def option(name: str) -> str:
@@ -27,13 +39,19 @@ def option(name: str) -> str:
 class Input:
     """A file that a stage reads: what it holds, and the pattern of its path (an attribute of ``Paths``).
 
-    Without a pattern it is the user's own file. ``many`` allows several files, ``optional`` allows none.
+    Without a pattern it is the user's own file. ``many`` allows several files, ``optional`` allows none. For a folder,
+    ``record`` is the name of the record file in it, which states the checksums of the others; the stage gets its path.
     """
 
     pattern: str
     help: str
     many: bool = False
     optional: bool = False
+    record: str = ""
+
+    def file(self, place: Path) -> Path:
+        """Return the file that stands for the input at ``place``: itself, or the record in a folder."""
+        return place / self.record if self.record else place
 
 
 @dataclass(frozen=True)
@@ -83,10 +101,7 @@ class Step:
     wildcards: tuple[str, ...] = field(init=False, default=())
 
     def __post_init__(self):
-        wildcards = {
-            OBJECT: ("object",), BODY: ("object", "solidity"), SHARD: ("shard",), KNOWN_BODY: ("body",),
-        }  # fmt: skip
-        object.__setattr__(self, "wildcards", wildcards.get(self.per, ()))
+        object.__setattr__(self, "wildcards", _WILDCARDS.get(self.per, ()))
 
     @property
     def chained(self) -> dict[str, Input]:

@@ -23,6 +23,7 @@ _NOT_RECORDED = {
     "sources": {"objaverse": {"cache"}},
     "dataset": {"max_refused_share"},
     "report": True,
+    "learn": True,
 }
 
 #: Objects in a shard: the maximum makes a file of about 20 GB, the recommended number one of about 2 GB.
@@ -109,11 +110,35 @@ class Plan:
                 "solidities": config.solidities,
                 "looks": config.images.looks,
             }
+        elif stage == "features":
+            values = config.learn.features.model_dump(mode="json")
         elif stage == "index":
             values = config.dataset.model_dump(include={"splits", "stratify", "card"})
         else:
             values = getattr(config, stage).model_dump(mode="json")
         return sys.intern(json.dumps(values, ensure_ascii=False))  # jobs with equal options share one string
+
+    def training(self, wildcards) -> str:
+        """Return the JSON block of one training, named by task, split, model and seed."""
+        run = self.config.learn.run(wildcards.task, wildcards.split, wildcards.model, int(wildcards.seed))
+        return run.model_dump_json()
+
+    def comparison(self, wildcards) -> str:
+        """Return the JSON block of the baselines of a task and a split."""
+        learn = self.config.learn
+        run = learn.run(wildcards.task, wildcards.split, learn.models(wildcards.task)[0], 0)
+        return run.model_dump_json(include={"task", "model", "split", "seed", "folds", "hold_out"})
+
+    def trainings(self) -> list[dict[str, str]]:
+        """Return the wildcards of all trainings."""
+        learn = self.config.learn
+        return [
+            {"task": task, "split": split, "model": model, "seed": str(seed)}
+            for task in learn.tasks
+            for split in learn.sides()
+            for model in learn.models(task)
+            for seed in learn.seeds
+        ]
 
     def configuration(self) -> str:
         """Return the part of the configuration that affects the dataset, with every default filled in, as YAML."""

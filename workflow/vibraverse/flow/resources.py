@@ -13,6 +13,7 @@ CLASSES = {
     "solver": (6000, 60),
     "render": (2000, 20),
     "collect": (4000, 60),
+    "train": (8000, 240),
 }
 
 

@@ -8,6 +8,7 @@ table.
 from __future__ import annotations
 
 from vibraverse.contract.step import BODY, DATASET, KNOWN_BODY, OBJECT, SHARD, VALIDATION, Input, Output, Step
+from vibraverse.flow.learning import LEARNING_STEPS
 
 #: Modules that the readers of mesh files import when they read.
 _READERS = ("vibraverse.files.reading.rows", "vibraverse.files.reading.scene")
@@ -362,6 +363,7 @@ STEPS = (
         libraries=("matplotlib", "numpy"),
         passes_refusals=False,
     ),
+    *LEARNING_STEPS,
 )
 
 #: Stages by name.

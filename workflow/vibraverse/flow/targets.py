@@ -39,6 +39,32 @@ def shards(plan: Plan) -> list[str]:
     return [plan.paths.at(plan.paths.shard, shard=shard) for shard in sorted(plan.shards)]
 
 
+def features(plan: Plan) -> list[str]:
+    """Return the folders of features of all shards."""
+    return [plan.paths.at(plan.paths.features, shard=shard) for shard in sorted(plan.shards)]
+
+
+def evaluations(plan: Plan) -> list[str]:
+    """Return the measures of all trained models."""
+    return [plan.paths.at(plan.paths.evaluation, **training) for training in plan.trainings()]
+
+
+def baselines(plan: Plan) -> list[str]:
+    """Return the measures of the baselines of every task and split."""
+    learn = plan.config.learn
+    return [
+        plan.paths.at(plan.paths.baselines, task=task, split=split)
+        for task in learn.tasks
+        for split in learn.sides()
+    ]
+
+
+def gpu_claim(plan: Plan) -> str:
+    """Return the beginning of a training's command that claims its GPUs; "" where it runs on the processor."""
+    count = plan.config.learn.gpus
+    return f"vibraverse gpus --claim {count} -- " if count else ""
+
+
 def kept_splits(plan: Plan) -> list[str]:
     """Return the splits table of an earlier dataset, if the configuration keeps one."""
     kept = plan.config.dataset.keep_splits

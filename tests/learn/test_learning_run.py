@@ -1,0 +1,106 @@
+"""The target ``learn`` through Snakemake: from meshes to the table; killed in training and repeated."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+
+import pytest
+
+torch = pytest.importorskip("torch", reason="torch is not installed (it belongs to the learning environment)")
+
+from vibraverse.contract import products  # noqa: E402
+from vibraverse.flow.learning import LEARNING_STEPS  # noqa: E402
+from vibraverse.flow.paths import Paths  # noqa: E402
+from workflow_runs import TINY, Run  # noqa: E402
+
+pytestmark = pytest.mark.learn
+
+LEARNING = {
+    **TINY,
+    "sources": {"generated": {"count": 8, "families": ["bar", "ring"]}, "bundled": [], "files": []},
+    "dataset": {"shards": 2, "splits": {"train": 0.4, "validation": 0.3, "test": 0.3}},
+    "learn": {
+        "preset": "tiny", "seeds": [0], "splits": ["object"], "features": {"points": 512, "view_px": 32},
+        # A checkpoint after every step, so that a kill finds one.
+        "frequencies": {"models": ["physics"], "training": {"steps": 30, "batch_size": 4, "checkpoint_minutes": 0}},
+        "solidity": {"models": ["sound"], "training": {"steps": 10, "batch_size": 4}},
+    },
+}  # fmt: skip
+TRAINING = {"task": "frequencies", "split": "object", "model": "physics", "seed": "0"}
+
+
+@pytest.fixture(scope="module")
+def learnt(tmp_path_factory, root) -> Run:
+    """A run of the target ``learn`` that was killed while it trained, and repeated."""
+    run = Run(tmp_path_factory.mktemp("learnt"), root, LEARNING)
+    paths = Paths()
+    record = run.folder / paths.at(paths.training_record, **TRAINING)
+    process = run.start("learn")
+    killed = False
+    while process.poll() is None and not killed:
+        if any(
+            int(path.parent.name.removeprefix("step-")) >= 5
+            for path in record.parent.rglob("step-*/state.pt")
+        ):
+            os.killpg(process.pid, signal.SIGKILL)
+            killed = True
+        time.sleep(0.01)
+    process.wait()
+    assert killed, "the training ended before it could be killed"
+    assert not record.exists()
+    run("learn")
+    return run
+
+
+def test_a_killed_training_goes_on_and_ends_with_the_same_weights(learnt, tmp_path):
+    paths = Paths()
+    record = learnt.folder / paths.at(paths.training_record, **TRAINING)
+    metrics = products.read_json(record)["metrics"]
+    assert metrics["steps"] == 30
+    assert metrics["interruptions"] == 1
+    assert not list(record.parent.glob(".*")), "the work folder goes when the model is there"
+    model = learnt.folder / paths.at(paths.trained_model, **TRAINING)
+    killed = torch.load(model, weights_only=True)
+    model.unlink()
+    learnt(str(model.relative_to(learnt.folder)))
+    unbroken = torch.load(model, weights_only=True)
+    assert products.read_json(record)["metrics"]["interruptions"] == 0
+    for part in ("best", "last"):
+        for name, weights in unbroken[part].items():
+            torch.testing.assert_close(killed[part][name], weights, rtol=0, atol=0)
+
+
+def test_every_stage_of_learning_has_run(learnt):
+    for step in LEARNING_STEPS:
+        for output in step.outputs.values():
+            pattern = output.path.replace("{shard}", "*")
+            for name in ("task", "split", "model", "seed"):
+                pattern = pattern.replace(f"{{{name}}}", "*")
+            found = list((learnt.folder / "results").glob(pattern))
+            assert found, f"no {output.path}"
+            assert all(output.record_in(place).stat().st_size > 0 for place in found)
+
+
+def test_the_table_compares_models_with_baselines(learnt):
+    rows = products.read_json(learnt.folder / Paths().results_record)["rows"]
+    models = {(row["task"], row["model"]) for row in rows}
+    assert models >= {
+        ("frequencies", "physics"), ("frequencies", "mean spectrum"), ("frequencies", "nearest shapes"),
+        ("solidity", "sound"), ("solidity", "logistic regression"),
+    }  # fmt: skip
+    assert {row["preset"] for row in rows if row["model"] == "physics"} == {"tiny"}
+    medians = {
+        row["model"]: row["value"] for row in rows if (row["source"], row["measure"]) == ("all", "median")
+    }
+    assert medians["mean spectrum"] < medians["training mean"]
+
+
+def test_nothing_is_left_to_do_and_a_new_seed_trains_alone(learnt):
+    assert learnt.plan("learn")[0] == {}
+    before = learnt.config
+    learnt.config = {**before, "learn": {**before["learn"], "seeds": [0, 1]}}
+    jobs, _ = learnt.plan("learn")
+    learnt.config = before
+    assert jobs == {"train": 2, "evaluate": 2, "results": 1, "learn": 1}

@@ -1,0 +1,207 @@
+"""Options of learning: what is trained, on which side of which split, and how long."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from vibraverse.config.base import Section
+from vibraverse.config.training import Training
+
+#: Task -> its models, the published one first.
+MODELS = {
+    "frequencies": ("published", "physics"),
+    "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
+}
+#: How the objects of a run are divided into those that are trained on and those that are not.
+OBJECT, FAMILY = "object", "family"
+
+
+class Features(Section):
+    """Arrays that training reads, made once from each shard of the dataset."""
+
+    points: int = Field(4096, ge=64, le=100_000)
+    """Points drawn on the surface of every body, with their normals."""
+
+    poisson_nodes: int = Field(17, ge=2, le=200)
+    """Poisson's ratios at which the spectrum of every body is stored; between them it is interpolated."""
+
+    poisson_range: tuple[float, float] = (0.1, 0.4)
+    """Smallest and largest of them, within ``basis.poisson_range``."""
+
+    look: str = "clay"
+    """Look of the pictures; one that shows no material."""
+
+    view_px: int = Field(64, ge=16, le=1024)
+    """Width and height of the pictures in pixels."""
+
+
+class Network(Section):
+    """Size of the networks."""
+
+    points: int = Field(4096, ge=64)
+    """Points of a body that the shape network sees, at most ``features.points``."""
+
+    depth: int = Field(5, ge=4, le=9)
+    """Depth of the octree: a cell is 2 / 2^depth of the normalised length."""
+
+    width: int = Field(256, ge=8, le=4096)
+    """Width of the fully connected layers."""
+
+    layers: int = Field(3, ge=1, le=16)
+    """Number of the fully connected layers."""
+
+
+#: What a preset sets; keys that the configuration gives win.
+PRESETS: dict[str, dict[str, dict]] = {
+    "tiny": {
+        "training": {"steps": 60, "minutes": 2.0, "batch_size": 8, "validate_every": 20},
+        "network": {"points": 512, "depth": 4, "width": 64, "layers": 2},
+    },
+    "cpu": {
+        "training": {"steps": 6000, "minutes": 20.0, "batch_size": 16, "validate_every": 250},
+        "network": {"points": 2048, "depth": 5, "width": 256, "layers": 3},
+    },
+    "small": {
+        "training": {"steps": 20_000, "minutes": 10.0, "batch_size": 128, "workers": 4},
+        "network": {"points": 4096, "depth": 5, "width": 256, "layers": 3},
+    },
+    "paper": {
+        "training": {"steps": 100_000, "minutes": 100_000.0, "batch_size": 16, "workers": 4},
+        "network": {"points": 4096, "depth": 6, "width": 256, "layers": 3},
+    },
+}
+
+
+class LearningTask(Section):
+    """One task: its models, and what differs from the preset for it."""
+
+    models: list[str] = Field(default_factory=list)
+    """Models to train; none: all."""
+
+    training: dict[str, int | float | str | None] = Field(default_factory=dict)
+    """Keys of ``training`` that differ from the preset's."""
+
+    network: dict[str, int] = Field(default_factory=dict)
+    """Keys of ``network`` that differ from the preset's."""
+
+
+class RunOptions(Section):
+    """One training, which the workflow fills in from the rest of the configuration."""
+
+    task: str
+    """Name of the task."""
+
+    model: str
+    """Name of the model."""
+
+    split: str
+    """``object``, or ``family-K`` for the fold K."""
+
+    seed: int = 0
+    """Seed of weights and order."""
+
+    folds: int = 5
+    """Folds of the split by family."""
+
+    hold_out: list[str] = Field(default_factory=list)
+    """Origins that are never trained on."""
+
+    preset: str = "cpu"
+    """Preset that the settings come from."""
+
+    gpus: int = Field(0, exclude=True)
+    """GPUs of the training; 0: the processor."""
+
+    training: Training = Training()
+    """How the model is trained."""
+
+    network: Network = Network()
+    """Size of the networks."""
+
+
+class Learn(Section):
+    """Benchmark tasks on the dataset: ``snakemake learn``."""
+
+    preset: Literal["tiny", "cpu", "small", "paper"] = "cpu"
+    """Size of networks and length of training: ``tiny`` for tests, ``cpu`` for two cores and an hour, ``small`` for ten
+    minutes on a GPU, ``paper`` as published."""
+
+    seeds: list[Annotated[int, Field(ge=0)]] = Field(default_factory=lambda: [0, 1, 2], min_length=1)
+    """One training each."""
+
+    splits: list[Literal["object", "family"]] = Field(
+        default_factory=lambda: ["object", "family"], min_length=1
+    )
+    """``object``: the splits of the dataset. ``family``: folds of whole families or categories, tested on shapes of a
+    kind that training has not seen."""
+
+    folds: int = Field(5, ge=2, le=100)
+    """Folds of the split by family."""
+
+    hold_out: list[str] = Field(default_factory=list)
+    """Origins that are never trained on and always tested (``files``, ``bundled``, ``objaverse``)."""
+
+    gpus: int = Field(0, ge=0, le=64)
+    """GPUs of one training; 0: the processor."""
+
+    features: Features = Features()
+    """Arrays that training reads."""
+
+    tasks: list[Literal["frequencies", "solidity"]] = Field(
+        default_factory=lambda: ["frequencies", "solidity"], min_length=1
+    )
+    """Tasks to train."""
+
+    frequencies: LearningTask = LearningTask()
+    """Predict the frequencies of a body from its shape and material."""
+
+    solidity: LearningTask = LearningTask()
+    """Tell solid from hollow bodies by sound and picture."""
+
+    @model_validator(mode="after")
+    def _settings_are_known(self):
+        for name in MODELS:
+            options = self.run(name, OBJECT, MODELS[name][0], self.seeds[0])
+            if options.network.points > self.features.points:
+                raise ValueError(
+                    f"{name}.network.points: the network asks for {options.network.points} points of "
+                    f"{self.features.points}; lower it, or raise learn.features.points"
+                )
+        return self
+
+    @field_validator("frequencies", "solidity")
+    @classmethod
+    def _known_models(cls, task: LearningTask, info):
+        for name in task.models:
+            if name not in MODELS[info.field_name]:
+                raise ValueError(
+                    f"the model {name!r} is unknown; known: {', '.join(MODELS[info.field_name])}"
+                )
+        return task
+
+    def models(self, task: str) -> list[str]:
+        """Return the models of a task that are trained."""
+        return getattr(self, task).models or list(MODELS[task])
+
+    def run(self, task: str, split: str, model: str, seed: int) -> RunOptions:
+        """Return the options of one training: those of the preset, then those of the task."""
+        own, preset = getattr(self, task), PRESETS[self.preset]
+        return RunOptions(
+            task=task,
+            split=split,
+            model=model,
+            seed=seed,
+            folds=self.folds,
+            hold_out=self.hold_out,
+            preset=self.preset,
+            gpus=self.gpus,
+            training={**preset["training"], **own.training},
+            network={**preset["network"], **own.network},
+        )
+
+    def sides(self) -> list[str]:
+        """Return the names of the splits: ``object``, ``family-0``, ``family-1``, …"""
+        folds = [f"family-{fold}" for fold in range(self.folds)]
+        return [name for split in self.splits for name in ([OBJECT] if split == OBJECT else folds)]

@@ -1,0 +1,121 @@
+"""The stages of learning, a part of the table of all stages (``flow/steps.py``)."""
+
+from __future__ import annotations
+
+from vibraverse.contract.step import COMPARISON, LEARNING, SHARD, TRAINING, Input, Output, Step
+
+#: Folder of one training, below the results.
+_TRAINED = "learn/{task}/{split}/{model}/seed-{seed}"
+
+#: All stages of learning, in the order of the chain.
+LEARNING_STEPS = (
+    Step(
+        name="features",
+        version=1,
+        help="write the arrays of one shard that training reads",
+        per=SHARD,
+        family="learn",
+        inputs={"shard": Input("shard", "the shard (HDF5)")},
+        outputs={
+            "features": Output(
+                "features",
+                "learn/features/{shard}",
+                "folder for memory-mapped arrays (NumPy) and features.json: bodies, materials, shapes",
+                record="features.json",
+            )
+        },
+        record="features",
+        options="learn:Features",
+        libraries=("numpy", "h5py", "pillow", "scipy"),
+        passes_refusals=False,
+    ),
+    Step(
+        name="train",
+        version=1,
+        help="train one model of a benchmark task",
+        per=TRAINING,
+        family="learn",
+        inputs={
+            "features": Input(
+                "features", "features of all shards (folders)", many=True, record="features.json"
+            ),
+            "splits": Input("splits", "splits.tsv of the dataset"),
+        },
+        outputs={
+            "model": Output(
+                "trained_model", f"{_TRAINED}/model.pt", "the best and the last weights (PyTorch)"
+            ),
+            "curves": Output("training_curves", f"{_TRAINED}/curves.csv", "loss and rates by step (CSV)"),
+            "record": Output("training_record", f"{_TRAINED}/training.json", "how it was trained (JSON)"),
+        },
+        record="record",
+        options="learn:RunOptions",
+        libraries=("numpy", "torch", "torchvision", "ocnn"),
+        passes_refusals=False,
+    ),
+    Step(
+        name="evaluate",
+        version=1,
+        help="compare a trained model's answers with the truth",
+        per=TRAINING,
+        family="learn",
+        inputs={
+            "model": Input("trained_model", "the weights (PyTorch)"),
+            "training": Input("training_record", "how it was trained (JSON)"),
+            "features": Input(
+                "features", "features of all shards (folders)", many=True, record="features.json"
+            ),
+            "splits": Input("splits", "splits.tsv of the dataset"),
+        },
+        outputs={
+            "answers": Output("answers", f"{_TRAINED}/answers.npz", "answers and truth of every tested body"),
+            "record": Output("evaluation", f"{_TRAINED}/metrics.json", "measures by side and source (JSON)"),
+        },
+        record="record",
+        options="learn:RunOptions",
+        libraries=("numpy", "scipy", "torch", "torchvision", "ocnn"),
+        passes_refusals=False,
+    ),
+    Step(
+        name="baselines",
+        version=1,
+        help="fit the simple predictors of a task, to compare with",
+        per=COMPARISON,
+        family="learn",
+        inputs={
+            "features": Input(
+                "features", "features of all shards (folders)", many=True, record="features.json"
+            ),
+            "splits": Input("splits", "splits.tsv of the dataset"),
+        },
+        outputs={
+            "record": Output(
+                "baselines", "learn/{task}/{split}/baselines.json", "measures of all baselines (JSON)"
+            ),
+        },
+        record="record",
+        options="learn:RunOptions",
+        libraries=("numpy", "scipy", "scikit-learn"),
+        passes_refusals=False,
+    ),
+    Step(
+        name="results",
+        version=1,
+        help="join the measures of all models into one table",
+        per=LEARNING,
+        family="learn",
+        inputs={
+            "evaluations": Input("evaluation", "measures of all models (JSON)", many=True),
+            "baselines": Input("baselines", "measures of all baselines (JSON)", many=True),
+        },
+        outputs={
+            "table": Output(
+                "results_table", "learn/results.tsv", "a row per model, split, side and measure (TSV)"
+            ),
+            "record": Output("results_record", "learn/results.json", "the same with means over seeds (JSON)"),
+        },
+        record="record",
+        libraries=("numpy",),
+        passes_refusals=False,
+    ),
+)

@@ -1,0 +1,42 @@
+"""Stage ``evaluate``: a trained model and the features in, its answers and their measures out."""
+
+from __future__ import annotations
+
+from vibraverse.contract import products
+from vibraverse.contract.stage import Job
+
+
+def run(job: Job) -> None:
+    """Ask the model about every tested body, and judge the answers."""
+    import numpy as np
+    import torch
+
+    from vibraverse.learn.evaluation import predictions
+    from vibraverse.learn.judging import judged
+    from vibraverse.learn.ranks import joined
+    from vibraverse.learn.results import evaluation
+    from vibraverse.learn.tasks import task_at
+
+    torch.set_num_threads(job.threads)
+    options = job.options
+    task = task_at(job.inputs["features"], job.inputs["splits"], options)
+    model = task.model()
+    model.load_state_dict(torch.load(job.inputs["model"], weights_only=True)["best"])
+    with joined("cpu") as ranks:
+
+        def predict(side: str, data) -> dict[str, np.ndarray]:
+            return predictions(task, model, side, options.training, ranks, data=data)
+
+        answers, rows = judged(task, lambda side: task.answers(side, predict))
+    with open(job.outputs["answers"], "wb") as file:  # savez would add an ending to the name
+        np.savez(file, **answers)
+    made = products.read_json(job.inputs["training"])
+    metrics = made["metrics"]
+    training = {
+        "preset": options.preset,
+        "minutes": metrics["seconds"] / 60,
+        "threads": made["threads"],
+        "hardware": metrics["hardware"]["gpu"] or metrics["hardware"]["cpu"],
+        **{name: metrics[name] for name in ("steps", "parameters")},
+    }
+    job.write_record(evaluation(options, options.model, rows, training, job.provenance()))
