@@ -308,3 +308,10 @@ def test_loops_on_read_only_storage_are_copied(monkeypatch, tmp_path):
     own = compiled.os.environ["NUMBA_CACHE_DIR"]
     assert own != str(kept.parent)
     assert Path(own, "geometry_1/loop.nbi").read_text() == "compiled"
+
+
+def test_an_environment_without_the_packages_of_learning(monkeypatch):
+    monkeypatch.setattr(preflight, "find_spec", lambda name: None if name == "torch" else name)
+    preflight.learning(["tets", "modes"])
+    sentence = said(preflight.learning, ["tets", "train"])
+    assert sentence.startswith("the rule train needs the packages of learning, and this environment lacks torch; run")

@@ -45,6 +45,8 @@ onstart:
         )
     if internals.executor(workflow) == "local":
         preflight.stop_without(preflight.local_gpus, [(job.rule, job.resources) for job in waiting])
+        if not in_containers and not internals.in_conda(workflow):
+            preflight.stop_without(preflight.learning, [job.rule for job in waiting])
         locks.wait_for(orphans)
         warm_up([(job.rule, job.image_file) for job in waiting])
     if internals.executor(workflow) == "slurm":

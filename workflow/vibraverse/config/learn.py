@@ -143,8 +143,8 @@ class Learn(Section):
     hold_out: list[str] = Field(default_factory=list)
     """Origins that are never trained on and always tested (``files``, ``bundled``, ``objaverse``)."""
 
-    gpus: int = Field(0, ge=0, le=64)
-    """GPUs of one training; 0: the processor."""
+    gpus: int = Field(0, ge=0, le=1)
+    """GPUs of one training: 1, or 0 for the processor."""
 
     features: Features = Features()
     """Arrays that training reads."""

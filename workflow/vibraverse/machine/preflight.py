@@ -12,6 +12,7 @@ import subprocess
 import sys
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import contextmanager
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from vibraverse.config import read
 from vibraverse.contract import products
 from vibraverse.contract.errors import NotStored, NotThere, UsageError
 from vibraverse.contract.texts import DEFAULT_CONFIG, advised, unknown
+from vibraverse.flow.learning import LEARNING_STEPS
 from vibraverse.machine import containers, gpus
 
 if TYPE_CHECKING:
@@ -113,6 +115,18 @@ def rules(named: Iterable[str], known: Iterable[str]) -> None:
     for name in named:
         if name not in known:
             raise NotThere(f"the profile's set-resources names an {unknown('rule', name, sorted(known))}")
+
+
+def learning(rules_: Iterable[str]) -> None:
+    """Check that the packages of learning are installed if jobs of its stages run in this environment."""
+    named = sorted(set(rules_) & {step.name for step in LEARNING_STEPS})
+    missing = [name for name in ("torch", "ocnn", "sklearn") if named and find_spec(name) is None]
+    if missing:
+        raise NotThere(
+            f"the rule {named[0]} needs the packages of learning, and this environment lacks {missing[0]}; run `make "
+            "learn-demo` once, which makes an environment with them, then `. .venv-learn/bin/activate` and the same "
+            "command again"
+        )
 
 
 def profile(arguments: Sequence[str]) -> None:
