@@ -312,6 +312,16 @@ def test_loops_on_read_only_storage_are_copied(monkeypatch, tmp_path):
 
 def test_an_environment_without_the_packages_of_learning(monkeypatch):
     monkeypatch.setattr(preflight, "find_spec", lambda name: None if name == "torch" else name)
-    preflight.learning(["tets", "modes"])
-    sentence = said(preflight.learning, ["tets", "train"])
-    assert sentence.startswith("the rule train needs the packages of learning, and this environment lacks torch; run")
+    preflight.learning(["tets", "modes"], "1/2", True)
+    preflight.learning(["train"], None, False)
+    sentence = said(preflight.learning, ["tets", "train"], None, True)
+    assert sentence.startswith(
+        "the rule train needs the packages of learning, and this environment lacks torch; run"
+    )
+
+
+def test_learning_from_a_slice(monkeypatch):
+    monkeypatch.setattr(preflight, "find_spec", lambda name: name)
+    preflight.learning(["features"], "join", True)
+    sentence = said(preflight.learning, ["features"], "1/2", True)
+    assert "would see only the objects of slice 1/2; make all slices first" in sentence

@@ -35,6 +35,8 @@ onstart:
     preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = internals.waiting_jobs(workflow)
     orphans = locks.orphans(paths.results, None if plan.owned is None else [*plan.objects, *plan.shards])
+    here = internals.executor(workflow) == "local" and not in_containers and not internals.in_conda(workflow)
+    preflight.stop_without(preflight.learning, [job.rule for job in waiting], plan.config.slice, here)
     if in_containers:
         preflight.stop_without(preflight.images, [image for job in waiting if (image := job.image)])
         named = [plan.objects[job.wildcards.object] for job in waiting if job.rule == "sources"]
@@ -45,8 +47,6 @@ onstart:
         )
     if internals.executor(workflow) == "local":
         preflight.stop_without(preflight.local_gpus, [(job.rule, job.resources) for job in waiting])
-        if not in_containers and not internals.in_conda(workflow):
-            preflight.stop_without(preflight.learning, [job.rule for job in waiting])
         locks.wait_for(orphans)
         warm_up([(job.rule, job.image_file) for job in waiting])
     if internals.executor(workflow) == "slurm":

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 from vibraverse.config import read
 from vibraverse.contract import products
 from vibraverse.contract.errors import NotStored, NotThere, UsageError
+from vibraverse.contract.slices import JOIN
 from vibraverse.contract.texts import DEFAULT_CONFIG, advised, unknown
 from vibraverse.flow.learning import LEARNING_STEPS
 from vibraverse.machine import containers, gpus
@@ -117,10 +118,15 @@ def rules(named: Iterable[str], known: Iterable[str]) -> None:
             raise NotThere(f"the profile's set-resources names an {unknown('rule', name, sorted(known))}")
 
 
-def learning(rules_: Iterable[str]) -> None:
-    """Check that the packages of learning are installed if jobs of its stages run in this environment."""
+def learning(rules_: Iterable[str], slice_: str | None, here: bool) -> None:
+    """Check that jobs of learning see the whole dataset and, if they run ``here``, that its packages are installed."""
     named = sorted(set(rules_) & {step.name for step in LEARNING_STEPS})
-    missing = [name for name in ("torch", "ocnn", "sklearn") if named and find_spec(name) is None]
+    if named and slice_ not in (None, JOIN):
+        raise NotThere(
+            f"the rule {named[0]} would see only the objects of slice {slice_}; make all slices first, then train with "
+            f"--config slice={JOIN}"
+        )
+    missing = [name for name in ("torch", "ocnn", "sklearn") if named and here and find_spec(name) is None]
     if missing:
         raise NotThere(
             f"the rule {named[0]} needs the packages of learning, and this environment lacks {missing[0]}; run `make "
