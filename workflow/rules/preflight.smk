@@ -35,7 +35,9 @@ onstart:
     preflight.stop_without(preflight.configuration, paths.config, plan.configuration())
     waiting = internals.waiting_jobs(workflow)
     orphans = locks.orphans(paths.results, None if plan.owned is None else [*plan.objects, *plan.shards])
-    here = internals.executor(workflow) == "local" and not in_containers and not internals.in_conda(workflow)
+    here = (
+        internals.executor(workflow) == "local" and not in_containers and not internals.in_conda(workflow)
+    )
     preflight.stop_without(preflight.learning, [job.rule for job in waiting], plan.config.slice, here)
     if in_containers:
         preflight.stop_without(preflight.images, [image for job in waiting if (image := job.image)])
