@@ -49,7 +49,7 @@ def placed(model: torch.nn.Module, options: Training, ranks: Ranks) -> torch.nn.
         if ranks.device.type == "cpu":
             raise UsageError(
                 f"{ranks.count} processes train on CPUs, where PyTorch cannot normalise over the batch of all of them; "
-                "use one process with more threads, or GPUs"
+                "run one process with more threads, or train on GPUs"
             )
         model = torch.nn.SyncBatchNorm.convert_sync_batchnorm(model)
     return model.to(ranks.device)

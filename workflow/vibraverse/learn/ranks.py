@@ -115,7 +115,7 @@ def choose(device: str | torch.device | None = None, local_rank: int | None = No
     if not found:
         raise NotThere(
             "a GPU is asked for, but PyTorch finds none: this machine has none, or lacks its driver, or PyTorch is "
-            "built without CUDA; train where there is one (in a container with --nv), or on the CPU"
+            "built without CUDA; run it where there is one (in a container with --nv), or set learn.gpus to 0"
         )
     if number >= found:
         several = (
