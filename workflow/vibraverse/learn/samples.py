@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from vibraverse.contract.products import read_json
-from vibraverse.contract.texts import advised
 
 #: Name of the record in a folder of features.
 RECORD = "features.json"
@@ -85,6 +84,6 @@ def at(results: str | Path) -> Samples:
     folders = sorted(path.parent for path in Path(results).glob(f"learn/features/*/{RECORD}"))
     if not folders:
         raise FileNotFoundError(
-            f"{results} holds no features; make them with {advised('learn', results=results)}"
+            f"{results} holds no features; make them with `snakemake learn` and the run's configuration"
         )
     return Samples(folders)

@@ -31,6 +31,21 @@ class Partition(NamedTuple):
     minutes: float | None = 0
 
 
+class _Asking(NamedTuple):
+    """Who asks for resources: a rule, or a group of ``size`` jobs of several rules."""
+
+    rules: str
+    size: int
+
+    @property
+    def short(self) -> str:
+        """The rule's name, or the words for a group."""
+        return self.rules if self.size == 1 else f"a group of {self.size} jobs ({self.rules})"
+
+    def __str__(self) -> str:
+        return f"the rule {self.rules}" if self.size == 1 else self.short
+
+
 def check(
     jobs: Iterable[tuple[str, Mapping, int]], folder: str | Path = ".", settings=None, attempts: int = 1
 ) -> None:
@@ -45,7 +60,7 @@ def check(
         _check_ends_known(settings)
     asked: dict[tuple, list[int]] = {}
     for rules, resources, size in jobs:
-        rule = f"the rule {rules}" if size == 1 else f"a group of {size} jobs ({rules})"
+        rule = _Asking(rules, size)
         gpus = int(resources.get("gpu") or ("gpu" in str(resources.get("gres", ""))))
         most = asked.setdefault((rule, resources.get("slurm_partition") or default or ""), [0, 0, 0])
         wanted = int(resources.get("mem_mb") or 0), gpus, int(resources.get("runtime") or 0)
@@ -60,7 +75,7 @@ def check(
                 )
             _check_partition(rule, name, there, memory_mb, gpus, minutes)
             if there[name].minutes is not None and minutes * attempts > there[name].minutes:
-                later.setdefault((name, there[name].minutes), []).append(rule.removeprefix("the rule "))
+                later.setdefault((name, there[name].minutes), []).append(rule.short)
     for (name, most), rules in sorted(later.items()):
         print(
             f"vibraverse: a job of {', '.join(rules)} that fails asks for more time each time, up to {attempts} times "
@@ -70,7 +85,7 @@ def check(
         )
 
 
-def _check_partition(rule: str, name: str, there: dict, memory_mb: int, gpus: int, minutes: int) -> None:
+def _check_partition(rule: _Asking, name: str, there: dict, memory_mb: int, gpus: int, minutes: int) -> None:
     """Check that a partition has what a rule asks for."""
     most = there[name]
     if gpus > most.gpus:
@@ -85,8 +100,11 @@ def _check_partition(rule: str, name: str, there: dict, memory_mb: int, gpus: in
             + (f"GPUs are in: {', '.join(others)}" if others else "no partition has so many")
             + f"; set slurm_partition or gpu of {rule} in the profile's set-resources"
         )
-    group = "; a group asks for the sum of its jobs, so lower group-components, or use `vibraverse submit`"
-    more = group if rule.startswith("a group") else ""
+    more = (
+        "; a group asks for the sum of its jobs, so lower group-components, or use `vibraverse submit`"
+        if rule.size > 1
+        else ""
+    )
     if memory_mb > most.memory_mb:
         raise NotThere(
             f"{rule} asks for {memory_mb} MB, but the largest node of the partition {name} has {most.memory_mb} MB; "
