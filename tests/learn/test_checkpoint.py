@@ -15,7 +15,8 @@ torch = pytest.importorskip("torch", reason="torch is not installed (it belongs 
 
 from toy_task import Toy, in_processes, options, run, same  # noqa: E402
 
-from vibraverse.learn.checkpoint import Checkpoints, identity  # noqa: E402
+from vibraverse.learn.checkpoint import Checkpoints  # noqa: E402
+from vibraverse.learn.facts import identity  # noqa: E402
 
 pytestmark = pytest.mark.learn
 

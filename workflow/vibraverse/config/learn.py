@@ -8,6 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from vibraverse.config.base import Section
 from vibraverse.config.training import Training
+from vibraverse.contract.texts import unknown
 
 #: Task -> its models, the published one first.
 MODELS = {
@@ -176,9 +177,7 @@ class Learn(Section):
     def _known_models(cls, task: LearningTask, info):
         for name in task.models:
             if name not in MODELS[info.field_name]:
-                raise ValueError(
-                    f"the model {name!r} is unknown; known: {', '.join(MODELS[info.field_name])}"
-                )
+                raise ValueError(unknown("model", name, MODELS[info.field_name]))
         return task
 
     def models(self, task: str) -> list[str]:

@@ -7,6 +7,12 @@ from vibraverse.contract.step import COMPARISON, LEARNING, SHARD, TRAINING, Inpu
 #: Folder of one training, below the results.
 _TRAINED = "learn/{task}/{split}/{model}/seed-{seed}"
 
+#: What every stage of a model or a baseline reads.
+_SAMPLES = {
+    "features": Input("features", "features of all shards (folders)", many=True, record="features.json"),
+    "splits": Input("splits", "splits.tsv of the dataset"),
+}
+
 #: All stages of learning, in the order of the chain.
 LEARNING_STEPS = (
     Step(
@@ -35,12 +41,7 @@ LEARNING_STEPS = (
         help="train one model of a benchmark task",
         per=TRAINING,
         family="learn",
-        inputs={
-            "features": Input(
-                "features", "features of all shards (folders)", many=True, record="features.json"
-            ),
-            "splits": Input("splits", "splits.tsv of the dataset"),
-        },
+        inputs=_SAMPLES,
         outputs={
             "model": Output(
                 "trained_model", f"{_TRAINED}/model.pt", "the best and the last weights (PyTorch)"
@@ -62,10 +63,7 @@ LEARNING_STEPS = (
         inputs={
             "model": Input("trained_model", "the weights (PyTorch)"),
             "training": Input("training_record", "how it was trained (JSON)"),
-            "features": Input(
-                "features", "features of all shards (folders)", many=True, record="features.json"
-            ),
-            "splits": Input("splits", "splits.tsv of the dataset"),
+            **_SAMPLES,
         },
         outputs={
             "answers": Output("answers", f"{_TRAINED}/answers.npz", "answers and truth of every tested body"),
@@ -82,12 +80,7 @@ LEARNING_STEPS = (
         help="fit the simple predictors of a task, to compare with",
         per=COMPARISON,
         family="learn",
-        inputs={
-            "features": Input(
-                "features", "features of all shards (folders)", many=True, record="features.json"
-            ),
-            "splits": Input("splits", "splits.tsv of the dataset"),
-        },
+        inputs=_SAMPLES,
         outputs={
             "record": Output(
                 "baselines", "learn/{task}/{split}/baselines.json", "measures of all baselines (JSON)"

@@ -18,6 +18,7 @@ import torch
 from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
 from vibraverse.contract.texts import and_more
+from vibraverse.learn.facts import plain
 
 #: Checkpoints that are kept: the newest, and the one before in case it is damaged.
 KEPT = 2
@@ -26,17 +27,12 @@ _STATE, _RECORD = "state.pt", "checkpoint.json"
 _SHOWN_FIELDS = 8
 
 
-def identity(facts: Mapping) -> str:
-    """Return 12 hexadecimal digits of the hash of ``facts``: the name for a work folder."""
-    return products.text_sha256(json.dumps(_plain(facts), sort_keys=True))[:12]
-
-
 class Checkpoints:
     """The checkpoints in a work folder that belong to a training with these ``facts``."""
 
     def __init__(self, folder: str | Path, facts: Mapping, versions: Mapping[str, str]):
         self.folder = Path(folder)
-        self._facts, self._versions = _plain(facts), dict(versions)
+        self._facts, self._versions = plain(facts), dict(versions)
 
     def save(self, step: int, state: dict) -> Path:
         """Write the state after a step, then remove all but the last :data:`KEPT`; return its folder.
@@ -107,11 +103,6 @@ class Checkpoints:
         except FileNotFoundError:
             return f"{_STATE} does not exist"
         return "" if found == expected else f"{_STATE} is not what was written"
-
-
-def _plain(facts: Mapping) -> dict:
-    """Return facts as JSON gives them back, so that they compare equal to stored ones."""
-    return json.loads(products.as_json(facts))
 
 
 def _differences(stored, current, name: str = "") -> list[str]:

@@ -7,14 +7,12 @@ invariants and its frequencies in every named material; an object has its pictur
 
 from __future__ import annotations
 
-import io
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vibraverse.contract.seeds import rng
-from vibraverse.contract.texts import unknown
 from vibraverse.files.basis import read_basis
 from vibraverse.geometry import surfaces
 from vibraverse.learn.invariants import invariants
@@ -151,10 +149,10 @@ def _pictures(reader: Reader, object_: str, look: str, size_px: int) -> np.ndarr
     """Return the pictures (v, px, px, 3) of an object in one look."""
     from PIL import Image
 
-    views = reader.group(object_)["views"]
-    if look not in views:
-        raise Unusable(f"learn.features.look: {unknown('look', look, list(views))}")
-    pictures = (Image.open(io.BytesIO(png.tobytes())).convert("RGB") for png in views[look][()])
+    try:
+        pictures = map(Image.fromarray, reader.read("views", object_, look=look))
+    except KeyError as error:
+        raise Unusable(f"learn.features.look: {error.args[0]}") from None
     return np.stack([np.asarray(one.resize((size_px, size_px), Image.Resampling.BOX)) for one in pictures])
 
 

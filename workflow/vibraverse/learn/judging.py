@@ -11,15 +11,13 @@ from itertools import pairwise
 
 import numpy as np
 
-from vibraverse.learn.metrics import bootstrap, frequency_errors, wilson
+from vibraverse.learn.metrics import LOWEST, bootstrap, frequency_errors, wilson
 from vibraverse.learn.samples import Samples
 from vibraverse.learn.scaling import scaled
 from vibraverse.learn.sides import HELD_OUT, TEST
 
 #: Bounds of the thickness t by which bodies are looked at.
 _THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
-#: Predicted frequencies are at least this many Hz: their ratio to the truth has a logarithm.
-_LOWEST_HZ = 1e-3
 
 
 def judged(task, answers: Callable[[str], dict[str, np.ndarray]]) -> tuple[dict[str, np.ndarray], list[dict]]:
@@ -45,7 +43,7 @@ def judge_frequencies(samples: Samples, bodies: np.ndarray, found_hz: np.ndarray
     true_hz = samples.rows("frequencies_hz", bodies)
     for source, mask in _sources(samples, bodies).items():
         shape = (-1, found_hz.shape[-1])
-        found, true = np.maximum(found_hz[mask].reshape(shape), _LOWEST_HZ), true_hz[mask].reshape(shape)
+        found, true = np.maximum(found_hz[mask].reshape(shape), LOWEST), true_hz[mask].reshape(shape)
         measures = frequency_errors(found, true)
         measures["scaled_mse"] = float(np.square(scaled(found) - scaled(true)).mean())
         objects = np.repeat(samples.object[bodies[mask]], found_hz.shape[1])

@@ -8,6 +8,8 @@ import numpy as np
 MODE_GROUPS = {"1": slice(0, 1), "2-8": slice(1, 8), "9-64": slice(8, None)}
 #: Relative errors below which the first eight frequencies of a body count as found.
 WITHIN = (0.01, 0.03, 0.06)
+#: A prediction counts as at least this much: its ratio to the truth has a logarithm.
+LOWEST = 1e-3
 _Z = 1.959963984540054
 
 
@@ -37,16 +39,6 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     centre = (share + z2 / (2 * count)) / (1 + z2 / count)
     half = _Z * np.sqrt(share * (1 - share) / count + z2 / (4 * count**2)) / (1 + z2 / count)
     return float(centre - half), float(centre + half)
-
-
-def mcnemar(first: np.ndarray, second: np.ndarray) -> float:
-    """Return the exact two-sided p-value that two classifiers, right on ``first`` and ``second`` (n,), are as good."""
-    from scipy.stats import binomtest
-
-    only_first, only_second = int((first & ~second).sum()), int((second & ~first).sum())
-    if only_first + only_second == 0:
-        return 1.0
-    return float(binomtest(only_first, only_first + only_second, 0.5).pvalue)
 
 
 def bootstrap(values: np.ndarray, groups: np.ndarray, statistic=np.median, draws: int = 1000, seed: int = 0):

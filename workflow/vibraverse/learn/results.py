@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
-import json
 from collections import defaultdict
 
 import numpy as np
+
+from vibraverse.learn.facts import identity
 
 #: Columns of ``results.tsv``: type and meaning.
 COLUMNS: dict[str, tuple[type, str]] = {
@@ -43,16 +43,12 @@ def evaluation(options, model: str, rows: list[dict], training: dict, provenance
         "seed": options.seed,
         "rows": rows,
         "training": training,
-        "config_hash": _digest(
+        "config_hash": identity(
             options.model_dump(mode="json", exclude={"seed", "split", "model"}) | {"model": model}
         ),
-        "data_sha256": _digest(provenance["input_sha256"]["features"]),
+        "data_sha256": identity(provenance["input_sha256"]["features"]),
         "version": provenance["vibraverse"],
     }
-
-
-def _digest(values) -> str:
-    return hashlib.sha256(json.dumps(values, sort_keys=True).encode()).hexdigest()[:12]
 
 
 def table(evaluations: list[dict]) -> list[dict]:

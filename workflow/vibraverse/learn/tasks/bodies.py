@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.contract.errors import UsageError
 from vibraverse.contract.seeds import stable_hash
 from vibraverse.learn.samples import Samples
 from vibraverse.learn.scaling import scaled, scaled_material
+from vibraverse.learn.sides import TRAIN
+from vibraverse.learn.task import Keyed, Task
 
 
 class Bodies:
@@ -48,8 +49,31 @@ class Bodies:
         }
 
 
-def chosen(samples: Samples, sides: dict[str, np.ndarray], side: str) -> np.ndarray:
-    """Return the bodies of a side; raise :class:`UsageError` if there are none."""
-    if not len(sides[side]):
-        raise UsageError(f"no body is on the side {side!r}; add objects, or choose another split")
-    return sides[side]
+class Drawn(Keyed):
+    """Samples made of :class:`Bodies`: with a ``seed`` what is random in them is drawn, without one nothing is."""
+
+    def __init__(self, bodies: Bodies, seed: int | None):
+        super().__init__(bodies, seed or 0, self._draw)
+        self._random = seed is not None
+
+    def sample(self, item: dict, random: np.random.Generator | None) -> dict[str, np.ndarray]:
+        """Return what a network gets of an item; ``random`` is None where nothing is drawn."""
+        raise NotImplementedError
+
+    def _draw(self, item: dict, random: np.random.Generator) -> dict[str, np.ndarray]:
+        return self.sample(item, random if self._random else None)
+
+
+class BodyTask(Task):
+    """A task over bodies: ``sides`` maps the sides of a split to numbers of bodies."""
+
+    def __init__(self, samples: Samples, sides: dict[str, np.ndarray], options):
+        self.samples, self.sides, self.options = samples, sides, options
+
+    def ids(self, split: str) -> list[str]:
+        """Return the names of a side's bodies."""
+        return [self.samples.ids[body] for body in self.sides[split]]
+
+    def seed(self, side: str) -> int | None:
+        """Return the seed of what is drawn on a side: only training draws."""
+        return self.options.seed if side == TRAIN else None

@@ -15,14 +15,14 @@ import torch
 from torch import nn
 
 from vibraverse.learn.judging import judge_frequencies
-from vibraverse.learn.metrics import frequency_errors
+from vibraverse.learn.metrics import LOWEST, frequency_errors
 from vibraverse.learn.networks.dense import dense, material_network
 from vibraverse.learn.networks.octree import OctreeNetwork, rotations, turned
 from vibraverse.learn.networks.siren import Siren
 from vibraverse.learn.samples import Samples
 from vibraverse.learn.scaling import unit_hz, unscaled
-from vibraverse.learn.task import Keyed, Task
-from vibraverse.learn.tasks.bodies import Bodies, chosen
+from vibraverse.learn.sides import TRAIN
+from vibraverse.learn.tasks.bodies import Bodies, BodyTask, Drawn
 
 #: Widths of the encoders, as published.
 _SHAPE, _MATERIAL = 128, 32
@@ -71,19 +71,18 @@ class Physics(nn.Module):
         return torch.sort(self.mean + found, dim=-1).values
 
 
-class Shapes(Keyed):
+class Shapes(Drawn):
     """Bodies as points, invariants, material and frequencies.
 
     With a ``seed`` each item draws points, a rotation, a material and a Poisson's ratio of its own.
     """
 
     def __init__(self, bodies: Bodies, points: int, seed: int | None):
-        super().__init__(bodies, seed or 0, self._drawn)
-        self._random = seed is not None
+        super().__init__(bodies, seed)
         self.points = points
 
-    def _drawn(self, item: dict, random: np.random.Generator) -> dict[str, np.ndarray]:
-        random = random if self._random else None
+    def sample(self, item: dict, random: np.random.Generator | None) -> dict[str, np.ndarray]:
+        """Return the arrays of one body."""
         samples, body = self.items.samples, item["body"]
         number, values = self.items.of_material(item, random)
         points, turn, poisson = samples.row("points", body), (1.0, 0, 0, 0), self.items.parameters[number, 2]
@@ -100,18 +99,18 @@ class Shapes(Keyed):
         }
 
 
-class Frequencies(Task):
-    """The task for the trainer: ``sides`` maps the sides of a split to numbers of bodies."""
+class Frequencies(BodyTask):
+    """The task for the trainer."""
 
     best = "median"
 
     def __init__(self, samples: Samples, sides: dict[str, np.ndarray], options):
-        self.samples, self.sides, self.options = samples, sides, options
+        super().__init__(samples, sides, options)
         self._published = options.model == "published"
 
     def model(self) -> nn.Module:
         """Return the model of the options, untrained."""
-        train = chosen(self.samples, self.sides, "train")
+        train = self.sides[TRAIN]
         if self._published:
             return Published(self.options.network, self.samples.row("log_omega", 0).shape[-1])
         invariants = np.log(self.samples.rows("invariants", train))
@@ -120,12 +119,8 @@ class Frequencies(Task):
 
     def dataset(self, split: str, material: int = 0) -> Shapes:
         """Return the bodies of a side; those of ``train`` are drawn anew in each epoch, others have one material."""
-        bodies = Bodies(self.samples, chosen(self.samples, self.sides, split), material)
-        return Shapes(bodies, self.options.network.points, self.options.seed if split == "train" else None)
-
-    def ids(self, split: str) -> list[str]:
-        """Return the names of a side's bodies."""
-        return [self.samples.ids[body] for body in self.sides[split]]
+        bodies = Bodies(self.samples, self.sides[split], material)
+        return Shapes(bodies, self.options.network.points, self.seed(split))
 
     def prepare(self, batch: dict, device) -> dict:
         """Return the batch on a device, its bodies turned, with the spectrum at the Poisson's ratio of each."""
@@ -150,7 +145,7 @@ class Frequencies(Task):
         """Return the errors of the frequencies."""
         to_frequencies = unscaled if self._published else np.exp
         found, true = (to_frequencies(predictions[name].astype(np.float64)) for name in ("found", "true"))
-        return frequency_errors(np.maximum(found, 1e-3), true)
+        return frequency_errors(np.maximum(found, LOWEST), true)
 
     def answers(self, side: str, predict: Callable[..., dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
         """Return predicted and true frequencies (n, materials, m) of a side in Hz.

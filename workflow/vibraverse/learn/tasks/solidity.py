@@ -20,8 +20,8 @@ from vibraverse.learn.networks.dense import dense, material_network
 from vibraverse.learn.networks.picture import PictureNetwork
 from vibraverse.learn.networks.siren import Siren
 from vibraverse.learn.samples import Samples
-from vibraverse.learn.task import Keyed, Task
-from vibraverse.learn.tasks.bodies import Bodies, chosen
+from vibraverse.learn.sides import TRAIN
+from vibraverse.learn.tasks.bodies import Bodies, BodyTask, Drawn
 
 #: What each model gets.
 PARTS = {
@@ -56,18 +56,15 @@ class Classifier(nn.Module):
         return self.head(torch.cat([part(batch[name]) for name, part in self.parts.items()], dim=-1)).float()
 
 
-class Strikes(Keyed):
+class Strikes(Drawn):
     """Bodies as frequencies, one picture, material and class; with a ``seed`` material and view are drawn."""
 
-    def __init__(self, bodies: Bodies, seed: int | None):
-        super().__init__(bodies, seed or 0, self._drawn)
-        self._random = seed is not None
-
-    def _drawn(self, item: dict, random: np.random.Generator) -> dict[str, np.ndarray]:
+    def sample(self, item: dict, random: np.random.Generator | None) -> dict[str, np.ndarray]:
+        """Return the arrays of one body."""
         samples, body = self.items.samples, item["body"]
-        _, values = self.items.of_material(item, random if self._random else None)
+        _, values = self.items.of_material(item, random)
         views = samples.row("views", body)
-        view = int(random.integers(len(views))) if self._random else 0
+        view = int(random.integers(len(views))) if random is not None else 0
         return {
             "body": values["body"],
             "material": values["material"],
@@ -83,15 +80,16 @@ def ratios(scaled: np.ndarray) -> np.ndarray:
     return np.concatenate([scaled[:1], 4.0 * (scaled[1:] - scaled[:1])]).astype(np.float32)
 
 
-class Solidity(Task):
+class Solidity(BodyTask):
     """The task for the trainer; objects without both bodies are left out, so that the classes are equal in number."""
 
     best = "loss"
 
     def __init__(self, samples: Samples, sides: dict[str, np.ndarray], options):
-        self.samples, self.options = samples, options
-        self.sides = {name: _in_pairs(samples, bodies) for name, bodies in sides.items()}
-        if not len(self.sides["train"]):
+        super().__init__(
+            samples, {name: _in_pairs(samples, bodies) for name, bodies in sides.items()}, options
+        )
+        if not len(self.sides[TRAIN]):
             raise UsageError(
                 "no object on the training side has both bodies, solid and hollow; write `solidities: [solid, hollow]` "
                 "in the configuration, or leave the task out of learn.tasks"
@@ -105,12 +103,8 @@ class Solidity(Task):
 
     def dataset(self, split: str) -> Strikes:
         """Return the bodies of a side; those of ``train`` have another material and view in each epoch."""
-        bodies = Bodies(self.samples, chosen(self.samples, self.sides, split), None)
-        return Strikes(bodies, self.options.seed if split == "train" else None)
-
-    def ids(self, split: str) -> list[str]:
-        """Return the names of a side's bodies."""
-        return [self.samples.ids[body] for body in self.sides[split]]
+        bodies = Bodies(self.samples, self.sides[split], None)
+        return Strikes(bodies, self.seed(split))
 
     def losses(self, model: nn.Module, batch: dict) -> torch.Tensor:
         """Return the loss of every sample (B,)."""
