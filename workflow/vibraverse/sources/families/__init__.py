@@ -39,6 +39,9 @@ class Family:
         return getattr(importlib.import_module(self.module), self.source.partition(":")[2])
 
 
+#: Category of the open-ended families, whose bodies are of no kind.
+OPEN = "abstract"
+
 #: Family name -> family, in the order in which generated objects take turns.
 FAMILIES = {
     "bowl": Family("an open bowl on a foot ring", "vessel", "revolved:Bowl"),
@@ -71,7 +74,26 @@ FAMILIES = {
     "pawn": Family("a chess pawn", "toy", "revolved:Pawn"),
     "stool": Family("a stool", "furniture", "joined:Stool"),
     "knot": Family("a trefoil knot", "ornament", "joined:Knot"),
+    "tree": Family("unions, cuts and intersections of random solids", OPEN, "composed:Tree"),
+    "blend": Family("a smooth blend of random bodies", OPEN, "blended:Blend"),
+    "lathe": Family("a turned body with a random profile", OPEN, "turned:Lathe"),
+    "sweep": Family("a changing section swept along a random line", OPEN, "swept:Sweep"),
+    "shell": Family("a random wall: turned, a wavy or bent plate, or an opened blend", OPEN, "shells:Shell"),
+    "bent": Family("a random bar, tapered, twisted and bent", OPEN, "bent:Bent"),
+    "perforated": Family("a plate, block, tube or ball with random holes", OPEN, "perforated:Perforated"),
 }
+
+#: Words that stand for families in a configuration. ``parametric`` is what the default run draws from.
+GROUPS = {
+    "parametric": [name for name, family in FAMILIES.items() if family.category != OPEN],
+    "open-ended": [name for name, family in FAMILIES.items() if family.category == OPEN],
+    "all": list(FAMILIES),
+}
+
+
+def named(words: list[str]) -> list[str]:
+    """Return families by their names and by the words of :data:`GROUPS`, each once, in the order of the words."""
+    return list(dict.fromkeys(name for word in words for name in GROUPS.get(word, [word])))
 
 
 @dataclass(frozen=True)

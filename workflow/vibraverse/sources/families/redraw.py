@@ -1,0 +1,104 @@
+"""Open-ended families: bodies of any number of parts, drawn again until one is sound.
+
+A parametric family has a few named parameters. An open-ended family has a few as well, and one number more, its
+``arrangement``, that seeds everything else: how many parts there are, which, and where. Draw ``k`` of an object is seeded
+by the arrangement and ``k`` alone, so an object stays the same for ever.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from manifold3d import Manifold
+
+from vibraverse.contract.errors import Refused
+from vibraverse.contract.seeds import rng
+from vibraverse.geometry import Mesh
+from vibraverse.sources.families.shape import Shape, between
+from vibraverse.sources.families.solids import arrays, remeshed, solid
+from vibraverse.sources.families.soundness import WALL, flaw, too_close
+
+#: Draws of one object; of a thousand objects none needed a third of them.
+MAX_DRAWS = 60
+#: Triangles to aim for. Small triangles where a surface bends come on top.
+TRIANGLES = 3500
+#: Longest edge, in longest sides of the body, and in least walls where a coarse look at walls suffices.
+_MAX_SPACING, _COARSE_WALLS = 0.05, 0.6
+#: A body keeps its largest piece if that holds this share of the volume; otherwise it is drawn again.
+_MAIN_PIECE = 0.9
+
+
+@dataclass(frozen=True)
+class OpenShape(Shape):
+    """Base of the open-ended families."""
+
+    arrangement: int = between(0, 2**53 - 1)
+
+    #: Angle in degrees above which an edge of the drawn solid stays sharp.
+    ridge_deg: ClassVar[float] = 30.0
+
+    def body(self, random: np.random.Generator) -> Manifold | None:
+        """Draw a solid of any size, or None if the draw fails."""
+        raise NotImplementedError
+
+    def build(self) -> Mesh:
+        """Return the surface of the first sound body; its longest side is 1."""
+        for k in range(MAX_DRAWS):
+            body = self.body(rng(str(self.arrangement), type(self).__name__, str(k)))
+            surface = finished(body, self.ridge_deg) if body is not None else None
+            if surface is not None:
+                return surface
+        raise Refused(
+            "unavailable",
+            f"None of {MAX_DRAWS} draws of a {type(self).__name__.lower()} gives a sound body.",
+            "Draw an object with another number; sources.generated.first sets the first.",
+        )
+
+
+def finished(body: Manifold, ridge_deg: float) -> Mesh | None:
+    """Return the even surface of a solid scaled to longest side 1, or None if the body is not sound."""
+    body = main_piece(body)
+    if body is None:
+        return None
+    if coarsely_too_close(body, WALL):
+        return None
+    body = to_unit(body)
+    surface = remeshed(body, spacing(body), ridge_deg)
+    return surface if surface is not None and flaw(*surface) is None else None
+
+
+def coarsely_too_close(body: Manifold, wall: float) -> bool:
+    """Return whether a solid has walls thinner than ``wall`` longest sides, by a look at triangles as they are."""
+    return too_close(*arrays(to_unit(body).refine_to_length(_COARSE_WALLS * wall)), wall)
+
+
+def main_piece(body: Manifold) -> Manifold | None:
+    """Return the largest piece of a solid without its cavities, or None if there is much else."""
+    if body.is_empty():
+        return None
+    largest = max(body.decompose(), key=lambda piece: piece.volume())
+    return largest if largest.volume() > _MAIN_PIECE * body.volume() else None
+
+
+def to_unit(body: Manifold) -> Manifold:
+    """Scale a solid to longest side 1, centred at the origin."""
+    low, high = np.reshape(body.bounding_box(), (2, 3))
+    return body.translate(list(-(low + high) / 2)).scale([1.0 / float((high - low).max())] * 3)
+
+
+def spacing(body: Manifold) -> float:
+    """Return the length of edges that gives a solid of longest side 1 about :data:`TRIANGLES` triangles."""
+    return min(_MAX_SPACING, float(np.sqrt(body.surface_area() / (np.sqrt(3) / 4 * TRIANGLES))))
+
+
+def warped(surface: Mesh, warp) -> Manifold:
+    """Return the solid inside a surface whose points (N, 3) a function moves without folding."""
+    return solid((warp(surface[0]), surface[1]))
+
+
+def fine(body: Manifold, share: float = 0.03) -> Manifold:
+    """Split the edges of a solid to a share of its longest side, so that it can be bent."""
+    low, high = np.reshape(body.bounding_box(), (2, 3))
+    return body.refine_to_length(share * float((high - low).max()))
