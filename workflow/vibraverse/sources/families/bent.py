@@ -23,7 +23,7 @@ class Bent(OpenShape):
     """A bar of random section, tapered, twisted and bent."""
 
     size_range_m = (0.05, 0.4)
-    slender: float = between(-0.5, 2.5)
+    slender: float = between(-0.5, 2.1)
     tapered: bool = one_of(False, True)
     twisted: bool = one_of(False, True)
 

@@ -40,7 +40,7 @@ class Tree(OpenShape):
         return moved(moved(grown, turn, np.zeros(3)).scale([1.0, 1.0, self.stretch]), back, np.zeros(3))
 
     def _grow(self, random: np.random.Generator, leaves: int, wall: float) -> Manifold | None:
-        """Draw a solid of some leaves with walls of ``wall`` longest sides at least; the smaller branch has thicker ones."""
+        """Draw a solid with walls of at least ``wall`` longest sides; those of its smaller branch are thicker."""
         if leaves == 1:
             return primitive(random)
         share = 1 if random.random() < 0.5 else int(random.integers(1, leaves // 2 + 1))

@@ -1,6 +1,7 @@
 """Smooth bodies as level sets: signed distances of simple solids, soft unions and cuts, and their surfaces.
 
-A field maps points (N, 3) to signed distances (N,), negative inside; those of blends are too small rather than too large.
+A field maps points (N, 3) to signed distances (N,), negative inside. Those of blends are too small rather than too
+large.
 """
 
 from __future__ import annotations

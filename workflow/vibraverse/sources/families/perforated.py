@@ -31,7 +31,7 @@ class Perforated(OpenShape):
     size_range_m = (0.05, 0.4)
     kind: str = one_of("plate", "plate", "block", "tube", "ball", "shell")
     holes: int = between(2, 24)
-    hole: float = between(0.05, 0.13)
+    hole: float = between(0.06, 0.16)
     spread: float = between(0.0, 0.5)
     form: str = one_of("round", "round", "cornered", "long", "mixed")
 
@@ -73,7 +73,9 @@ class Perforated(OpenShape):
         tube = Manifold.cylinder(height, radius, circular_segments=_SEGMENTS, center=True)
         tube -= Manifold.cylinder(2.0, radius - wall, circular_segments=_SEGMENTS, center=True)
         width = np.pi * radius
-        face = np.array([(-width, -height / 2), (width, -height / 2), (width, height / 2), (-width, height / 2)])
+        face = np.array(
+            [(-width, -height / 2), (width, -height / 2), (width, height / 2), (-width, height / 2)]
+        )
         holes = self._holes(random, _dense(face))
         for hole in holes:
             x, z = hole.mean(axis=0)

@@ -1,7 +1,7 @@
 """Open-ended families: bodies of any number of parts, drawn again until one is sound.
 
-A parametric family has a few named parameters. An open-ended family has a few as well, and one number more, its
-``arrangement``, that seeds everything else: how many parts there are, which, and where. Draw ``k`` of an object is seeded
+A parametric family has a few named parameters. An open-ended family has a few as well, and one number more. This
+number, its ``arrangement``, seeds everything else: which parts there are and where. Draw ``k`` of an object is seeded
 by the arrangement and ``k`` alone, so an object stays the same for ever.
 """
 
@@ -20,8 +20,8 @@ from vibraverse.sources.families.shape import Shape, between
 from vibraverse.sources.families.solids import arrays, remeshed, solid
 from vibraverse.sources.families.soundness import WALL, flaw, too_close
 
-#: Draws of one object; of a thousand objects none needed a third of them.
-MAX_DRAWS = 60
+#: Draws of one object. Of 210 objects the mean took 1.6 draws and the last one 22.
+MAX_DRAWS = 100
 #: Triangles to aim for. Small triangles where a surface bends come on top.
 TRIANGLES = 3500
 #: Longest edge, in longest sides of the body, and in least walls where a coarse look at walls suffices.

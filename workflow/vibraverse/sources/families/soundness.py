@@ -12,7 +12,7 @@ from vibraverse.geometry import surfaces
 
 #: Least thickness of walls and least width of gaps.
 WALL, GAP = 0.045, 0.02
-#: Shares of the area that may belong to thinner walls, the edges of wedges, and to narrower gaps, the bottoms of notches.
+#: Shares of the area that may belong to thinner walls (edges of wedges) and to narrower gaps (bottoms of notches).
 _THIN_AREA, _NARROW_AREA = 0.015, 0.04
 #: Faces are opposite if their normals turn by more than about 135 degrees.
 _OPPOSITE = -0.7

@@ -16,10 +16,15 @@ from vibraverse.sources.families.solids import solid
 
 #: Points of a section and of a path.
 _AROUND, _ALONG = 48, 160
+#: Least distance of a section's middle from its border, in longest sides of the path.
+_LEAST = 0.03
 #: The section reaches at most this share of the radius in which the path bends.
 _MOST_CURVED = 0.75
 #: Farther apart along the path than this many section radii, points keep a gap of the share below between them.
 _FAR, _GAP = 3.6, 0.3
+
+#: A path keeps this share of its bends in each of so many steps of relaxation.
+_RELAXED, _RELAXATIONS = 0.85, 20
 
 
 @dataclass(frozen=True)
@@ -37,12 +42,12 @@ class Sweep(OpenShape):
         """Sweep rings about a path that bends little enough and keeps away from itself."""
         closed = self.path == "closed"
         line = _loop(random, self.nodes) if closed else _walk(random, self.nodes)
-        line = line / np.ptp(line, axis=0).max()
         share = np.arange(len(line)) / (len(line) - (0 if closed else 1))
         scale = self.radius * _swelling(random, share)
         outline = _outline(random) * [1.0, self.flat]
-        widest = scale * np.linalg.norm(outline, axis=1).max()
-        if _bends_too_much(line, widest, closed) or _meets_itself(line, widest, closed):
+        scale = np.maximum(scale, _LEAST / np.linalg.norm(outline, axis=1).min())
+        line = _relaxed(line, scale * np.linalg.norm(outline, axis=1).max(), closed)
+        if line is None:
             return None
         turns = float(round(2 * self.turns)) / 2 if closed else self.turns
         spin = 2 * np.pi * turns * share
@@ -70,6 +75,25 @@ def _loop(random: np.random.Generator, nodes: int) -> np.ndarray:
         for wave in (np.cos(k * t), np.sin(k * t)):
             line = line + random.uniform(0.1, 0.5) / k * wave * direction(random)
     return line
+
+
+def _relaxed(line: np.ndarray, widest: np.ndarray, closed: bool) -> np.ndarray | None:
+    """Return a path of longest side 1 with room for sections as ``widest`` as that (N,), or None.
+
+    A path that bends too much or meets itself is drawn towards a circle or a straight line, step by step.
+    """
+    if closed:
+        t = 2 * np.pi * np.arange(len(line)) / len(line)
+        rest = np.stack([np.cos(t), np.sin(t), 0 * t], axis=1)
+    else:
+        lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
+        rest = line[0] + lengths[:, None] * (line[-1] - line[0]) / np.linalg.norm(line[-1] - line[0])
+    for step in range(_RELAXATIONS):
+        path = rest + _RELAXED**step * (line - rest)
+        path = path / np.ptp(path, axis=0).max()
+        if not _bends_too_much(path, widest, closed) and not _meets_itself(path, widest, closed):
+            return path
+    return None
 
 
 def _swelling(random: np.random.Generator, share: np.ndarray) -> np.ndarray:
@@ -118,11 +142,11 @@ def _swept(line, outline, scale, spin, closed: bool, round_ends: bool) -> Mesh:
     for k, side in ((0, -1.0), (-1, 1.0)):
         turns = np.linspace(0, np.pi / 2, 7)[1:-1] if round_ends else []
         depth = scale[k] * np.linalg.norm(outline, axis=1).min()
+        out = side * depth * axes[k][2]
         caps = [
-            _ring(line[k] + side * depth * np.sin(t) * axes[k][2], axes[k], np.cos(t) * scale[k] * outline, spin[k])
-            for t in turns
+            _ring(line[k] + np.sin(t) * out, axes[k], np.cos(t) * scale[k] * outline, spin[k]) for t in turns
         ]
-        tip = line[k] + (side * depth * axes[k][2] if round_ends else 0.0)
+        tip = line[k] + (out if round_ends else 0.0)
         ends.append((caps, tip))
     (first, low), (last, high) = ends
     return _stitched([*first[::-1], *rings, *last], closed=False, tips=(low, high))
@@ -146,7 +170,10 @@ def _stitched(rings: list[np.ndarray], closed: bool, tips=()) -> Mesh:
         if k == n - 1:
             shift = int(np.argmin(np.linalg.norm(rings[0] - rings[-1][0], axis=1)))
         up, up_ahead = b + (here + shift) % m, b + (ahead + shift) % m
-        faces += [np.stack([a + here, a + ahead, up_ahead], axis=1), np.stack([a + here, up_ahead, up], axis=1)]
+        faces += [
+            np.stack([a + here, a + ahead, up_ahead], axis=1),
+            np.stack([a + here, up_ahead, up], axis=1),
+        ]
     if not closed:
         low, high, last = n * m, n * m + 1, (n - 1) * m
         faces.append(np.stack([np.full(m, low), ahead, here], axis=1))

@@ -18,6 +18,8 @@ from vibraverse.sources.families.solids import solid
 SPACING = 0.045
 #: Least wall of a bored body, in longest sides.
 _BORED_WALL = 0.07
+#: Least mean distance of the nodes of a profile along the axis, in longest sides.
+_NODE_SPACING = 0.09
 #: Radius of the corners of a profile, in longest sides.
 _ROUNDING = 0.012
 
@@ -36,7 +38,8 @@ class Lathe(OpenShape):
         """Revolve the region between the axis and the profile, minus the bore, and perhaps warp it."""
         height = float(np.exp2(self.slender))
         profile = self._profile(random, height)
-        whole = [np.concatenate([profile, profile[::-1] * [-1.0, 1.0]])]  # both halves, so that rounding spares the axis
+        # Both halves, so that rounding leaves the axis alone.
+        whole = [np.concatenate([profile, profile[::-1] * [-1.0, 1.0]])]
         if self.bore != "none":
             bore = self._bore(random, profile, height)
             if bore is None:
@@ -48,16 +51,20 @@ class Lathe(OpenShape):
         return solid(off_round(random, revolve(outline, SPACING * max(2.0, height))))
 
     def _profile(self, random: np.random.Generator, height: float) -> np.ndarray:
-        """Draw radii, the largest 1, at random heights, and join them by curves, by lines, or by steps."""
+        """Draw radii, the largest 1, at random heights, and join them by curves, by lines, or by steps.
+
+        There are ``nodes`` of them, or fewer if the body is too flat for so many.
+        """
         from scipy.interpolate import PchipInterpolator
 
-        gaps = random.uniform(0.4, 1.6, size=self.nodes - 1)
+        nodes = min(self.nodes, 2 + int(height / (_NODE_SPACING * max(2.0, height))))
+        gaps = random.uniform(0.4, 1.6, size=nodes - 1)
         z = height * np.concatenate([[0.0], np.cumsum(gaps) / gaps.sum()])
-        r = random.uniform(0.25, 1.0, size=self.nodes)
+        r = random.uniform(0.25, 1.0, size=nodes)
         r /= r.max()
         smooth = PchipInterpolator(z, r)
         line: list[tuple[float, float]] = [(r[0], z[0])]
-        for k in range(self.nodes - 1):
+        for k in range(nodes - 1):
             kind = random.random()
             if kind > self.edges:
                 line += [(float(smooth(at)), at) for at in np.linspace(z[k], z[k + 1], 16)[1:]]
@@ -77,9 +84,8 @@ class Lathe(OpenShape):
             return None
         radius = random.uniform(0.5 * wall, room)
         inner, top = random.uniform(0.8, 1.0) * radius, height + 1.0
-        return np.array(
-            [(-inner, bottom), (inner, bottom), (radius, height), (radius, top), (-radius, top), (-radius, height)]
-        )
+        right = np.array([(inner, bottom), (radius, height), (radius, top)])
+        return np.concatenate([right, right[::-1] * [-1.0, 1.0]])
 
 
 def off_round(random: np.random.Generator, surface):
