@@ -66,7 +66,9 @@ def _entries(config: Config):
     families = named([chosen] if isinstance(chosen, str) else chosen)
     for family in families:
         if family not in FAMILIES:
-            raise ConfigError(f"sources.generated.families: {unknown('family', family, [*FAMILIES, *GROUPS])}")
+            raise ConfigError(
+                f"sources.generated.families: {unknown('family', family, [*FAMILIES, *GROUPS])}"
+            )
     for object_ in generated_ids(sources.generated.count, families, sources.generated.first):
         yield Entry(object_, "generated", {"origin": "generated"})
     for object_ in dict.fromkeys(sources.bundled):
