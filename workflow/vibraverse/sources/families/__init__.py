@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
     from vibraverse.sources.families.shape import Shape
 
-#: Coordinates are rounded to a nanometre, so that processors with different rounding give the same bytes.
-_DIGITS = 9
-
 
 @dataclass(frozen=True)
 class Family:
@@ -129,16 +126,14 @@ def generate(object_: str) -> Generated:
     ``vertices`` (V, 3) float64 in metres and ``faces`` (F, 3) int64 are one closed, connected manifold surface,
     counter-clockwise seen from outside. Raises :class:`Refused` (``unavailable``) for an id of no family.
     """
-    import numpy as np
+    from vibraverse.sources.families.shape import in_metres
 
     shape = drawn(object_)
     name = object_.rpartition("-")[0]
     family = FAMILIES[name]
     vertices, faces = shape.build()
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    vertices = (vertices - (low + high) / 2) * (shape.size_m / (high - low).max())
     return Generated(
-        vertices=np.round(vertices, _DIGITS) + 0.0,  # no negative zeros
+        vertices=in_metres(vertices, shape.size_m),
         faces=faces,
         size_m=shape.size_m,
         parameters=asdict(shape),

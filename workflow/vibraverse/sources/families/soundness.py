@@ -23,19 +23,20 @@ _QUALITY, _MEDIAN_QUALITY = 0.42, 0.82
 
 
 def flaw(vertices: np.ndarray, faces: np.ndarray) -> str | None:
-    """Return what is wrong with a surface of longest side 1, or None."""
+    """Return what is wrong with a surface of any size, or None; its coordinates are taken as they will be stored."""
     if not _COUNTS[0] <= len(faces) <= _COUNTS[1]:
         return f"{len(faces)} triangles"
     found = surfaces.topology(faces, len(vertices))
     if not found.closed_manifold or found.components > 1 or len(np.unique(faces)) < len(vertices):
         return "not one closed piece"
-    if surfaces.volume(vertices, faces) < _LEAST_VOLUME:
+    unit = vertices / np.ptp(vertices, axis=0).max()
+    if surfaces.volume(unit, faces) < _LEAST_VOLUME:
         return "too little volume"
-    if np.ptp(vertices, axis=0).min() < WALL:
+    if np.ptp(unit, axis=0).min() < WALL:
         return "too flat"
-    if _poor(vertices, faces):
+    if _poor(unit, faces):
         return "poor triangles"
-    if too_close(vertices, faces):
+    if too_close(unit, faces):
         return "thin walls or narrow gaps"
     return "intersects itself" if intersects_itself(vertices, faces) else None
 
