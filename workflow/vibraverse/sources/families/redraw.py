@@ -20,7 +20,7 @@ from vibraverse.sources.families.shape import Shape, between, in_metres
 from vibraverse.sources.families.solids import arrays, remeshed, solid
 from vibraverse.sources.families.soundness import WALL, flaw, too_close
 
-#: Draws of one object. 210 objects took 1.6 on average and 11 at most.
+#: Draws of one object. 210 objects took 1.4 on average and 11 at most.
 MAX_DRAWS = 100
 #: Triangles to aim for. Small triangles where a surface bends come on top.
 TRIANGLES = 3500
