@@ -99,9 +99,9 @@ def _nearest(numbers: int, count: int) -> list[tuple[str, str]]:
     from scipy.spatial import cKDTree
 
     from vibraverse.geometry.moments import scale_free_moments
-    from vibraverse.sources.families import FAMILIES
+    from vibraverse.sources.families import GROUPS
 
-    names = [f"{family}-{number:04d}" for family in FAMILIES for number in range(numbers)]
+    names = [f"{family}-{number:04d}" for family in GROUPS["parametric"] for number in range(numbers)]
     moments = np.log([scale_free_moments(*_surface(name)) for name in names])
     pairs = cKDTree(moments).query_pairs(0.05, p=np.inf, output_type="ndarray")
     apart = np.abs(moments[pairs[:, 0]] - moments[pairs[:, 1]]).max(axis=1)

@@ -27,6 +27,7 @@ def main() -> None:
     )
     parser.add_argument("paths", nargs="*", help="mesh files, or folders of them")
     parser.add_argument("--generated", type=int, default=0, help="how many generated objects")
+    parser.add_argument("--families", nargs="+", default=["parametric"], help="of which families, or groups")
     parser.add_argument("--first", type=int, default=1000, help="number of the first of each family")
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--json", type=Path, help="also write the rows there")
@@ -50,12 +51,12 @@ def main() -> None:
 
 
 def _work(arguments):
-    from vibraverse.sources.families import FAMILIES
+    from vibraverse.sources.families import named
     from vibraverse.sources.search import find
 
     for path in arguments.paths:
         yield from (("file", str(file)) for file in find(path).values())
-    names = list(FAMILIES)
+    names = named(arguments.families)
     for i in range(arguments.generated):
         yield "generated", f"{names[i % len(names)]}-{arguments.first + i // len(names):04d}"
 

@@ -20,7 +20,7 @@ from vibraverse.contract.refusal import read_refusal
 from vibraverse.files.meshes import read_mesh
 from vibraverse.sources.bundled import BUNDLED, locate
 from vibraverse.sources.catalogue import catalogue, generated_ids
-from vibraverse.sources.families import FAMILIES
+from vibraverse.sources.families import FAMILIES, GROUPS
 
 
 @pytest.mark.parametrize(("name", "faces"), [("nut", 1046), ("airplane", 2452), ("ant", 912)])
@@ -43,10 +43,26 @@ def test_generated_objects_take_turns_and_keep_their_ids():
     two = {"families": ["bowl", "bell"]}
     assert ids(generated={"count": 3, **two}) == ["bowl-0000", "bell-0000", "bowl-0001"]
     assert ids(generated={"count": 2, "first": 7, **two}) == ["bowl-0007", "bell-0007"]
+    assert ids(generated={"count": 2, "families": ["bell", "open-ended", "tree"]}) == [
+        "bell-0000",
+        "tree-0000",
+    ]
     few, many = (ids(generated={"count": n}) for n in (8, 90))
     assert many[:8] == few
     assert len(set(many)) == 90
     assert generated_ids(0, []) == []
+
+
+def test_the_words_for_families():
+    parametric, everything = (
+        ids(generated={"count": n, "families": word}) for n, word in ((31, "parametric"), (37, "all"))
+    )
+    assert parametric == ids(generated={"count": 31})
+    assert parametric[0] == "bowl-0000"
+    assert parametric[29:] == ["knot-0000", "bowl-0001"]
+    opened = ids(generated={"count": 7, "families": "open-ended"})
+    assert everything == parametric[:30] + opened
+    assert set(GROUPS["all"]) == set(FAMILIES)
 
 
 def test_order_and_sizes(tmp_path):

@@ -10,13 +10,13 @@ from vibraverse.config.base import Section, Size
 
 
 class Generated(Section):
-    """Objects drawn from the parametric shape families."""
+    """Objects drawn from the shape families."""
 
     count: NonNegativeInt = 8
     """Number of objects; families take turns in the order listed."""
 
-    families: list[str] | Literal["all"] = "all"
-    """Family names, or ``all``."""
+    families: list[str] | Literal["parametric", "open-ended", "all"] = "parametric"
+    """Family names, or a word: ``parametric``, ``open-ended`` or ``all``. A list may hold both."""
 
     first: NonNegativeInt = 0
     """Number of the first object of each family; another number gives a set without common objects."""

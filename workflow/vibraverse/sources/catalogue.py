@@ -12,7 +12,7 @@ from pathlib import Path
 from vibraverse.config import Config, ConfigError
 from vibraverse.contract.texts import unknown
 from vibraverse.sources.bundled import BUNDLED
-from vibraverse.sources.families import FAMILIES
+from vibraverse.sources.families import FAMILIES, GROUPS, named
 from vibraverse.sources.manifest import Row, is_manifest, read_manifest
 from vibraverse.sources.search import NoMeshes, find
 
@@ -62,11 +62,13 @@ def generated_ids(count: int, families: list[str], first: int = 0) -> list[str]:
 
 def _entries(config: Config):
     sources = config.sources
-    families = list(FAMILIES) if sources.generated.families == "all" else sources.generated.families
+    chosen = sources.generated.families
+    families = named([chosen] if isinstance(chosen, str) else chosen)
     for family in families:
         if family not in FAMILIES:
-            raise ConfigError(f"sources.generated.families: {unknown('family', family, FAMILIES)}")
-    families = list(dict.fromkeys(families))
+            raise ConfigError(
+                f"sources.generated.families: {unknown('family', family, [*FAMILIES, *GROUPS])}"
+            )
     for object_ in generated_ids(sources.generated.count, families, sources.generated.first):
         yield Entry(object_, "generated", {"origin": "generated"})
     for object_ in dict.fromkeys(sources.bundled):

@@ -17,9 +17,6 @@ if TYPE_CHECKING:
 
     from vibraverse.sources.families.shape import Shape
 
-#: Coordinates are rounded to a nanometre, so that processors with different rounding give the same bytes.
-_DIGITS = 9
-
 
 @dataclass(frozen=True)
 class Family:
@@ -38,6 +35,9 @@ class Family:
         """Import and return the dataclass of the family's parameters."""
         return getattr(importlib.import_module(self.module), self.source.partition(":")[2])
 
+
+#: Category of the open-ended families, whose bodies are of no kind.
+OPEN = "abstract"
 
 #: Family name -> family, in the order in which generated objects take turns.
 FAMILIES = {
@@ -71,7 +71,26 @@ FAMILIES = {
     "pawn": Family("a chess pawn", "toy", "revolved:Pawn"),
     "stool": Family("a stool", "furniture", "joined:Stool"),
     "knot": Family("a trefoil knot", "ornament", "joined:Knot"),
+    "tree": Family("unions, cuts and intersections of random solids", OPEN, "composed:Tree"),
+    "blend": Family("a smooth blend of random bodies", OPEN, "blended:Blend"),
+    "lathe": Family("a turned body with a random profile", OPEN, "turned:Lathe"),
+    "sweep": Family("a changing section swept along a random line", OPEN, "swept:Sweep"),
+    "shell": Family("a random wall: turned, a wavy or bent plate, or an opened blend", OPEN, "shells:Shell"),
+    "bent": Family("a random bar, tapered, twisted and bent", OPEN, "bent:Bent"),
+    "perforated": Family("a plate, block, tube or ball with random holes", OPEN, "perforated:Perforated"),
 }
+
+#: Words that stand for families in a configuration. ``parametric`` is what the default run draws from.
+GROUPS = {
+    "parametric": [name for name, family in FAMILIES.items() if family.category != OPEN],
+    "open-ended": [name for name, family in FAMILIES.items() if family.category == OPEN],
+    "all": list(FAMILIES),
+}
+
+
+def named(words: list[str]) -> list[str]:
+    """Return families by their names and by the words of :data:`GROUPS`, each once, in the order of the words."""
+    return list(dict.fromkeys(name for word in words for name in GROUPS.get(word, [word])))
 
 
 @dataclass(frozen=True)
@@ -107,16 +126,14 @@ def generate(object_: str) -> Generated:
     ``vertices`` (V, 3) float64 in metres and ``faces`` (F, 3) int64 are one closed, connected manifold surface,
     counter-clockwise seen from outside. Raises :class:`Refused` (``unavailable``) for an id of no family.
     """
-    import numpy as np
+    from vibraverse.sources.families.shape import in_metres
 
     shape = drawn(object_)
     name = object_.rpartition("-")[0]
     family = FAMILIES[name]
     vertices, faces = shape.build()
-    low, high = vertices.min(axis=0), vertices.max(axis=0)
-    vertices = (vertices - (low + high) / 2) * (shape.size_m / (high - low).max())
     return Generated(
-        vertices=np.round(vertices, _DIGITS) + 0.0,  # no negative zeros
+        vertices=in_metres(vertices, shape.size_m),
         faces=faces,
         size_m=shape.size_m,
         parameters=asdict(shape),

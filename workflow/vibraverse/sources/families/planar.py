@@ -16,12 +16,12 @@ def fill(rings: list[np.ndarray], spacing: float) -> tuple[np.ndarray, np.ndarra
 
     border = np.concatenate(rings)
     lattice = _lattice(border.min(axis=0), border.max(axis=0), spacing)
-    lattice = lattice[_inside(lattice, rings)]
-    lattice = lattice[_distance(lattice, border) > 0.7 * spacing] if len(lattice) else lattice
+    lattice = lattice[inside(lattice, rings)]
+    lattice = lattice[distance(lattice, border) > 0.7 * spacing] if len(lattice) else lattice
     points = np.concatenate([border, lattice])
     triangles = Delaunay(points).simplices.astype(np.int64)
     triangles = _counter_clockwise(points, triangles)
-    triangles = triangles[_inside(points[triangles].mean(axis=1), rings)]
+    triangles = triangles[inside(points[triangles].mean(axis=1), rings)]
     if not _bounded_by(triangles, rings):
         import manifold3d
 
@@ -42,20 +42,21 @@ def _lattice(low: np.ndarray, high: np.ndarray, spacing: float) -> np.ndarray:
     return centre + spacing * np.stack([x.ravel(), y.ravel()], axis=1)
 
 
-def _inside(points: np.ndarray, rings: list[np.ndarray]) -> np.ndarray:
+def inside(points: np.ndarray, rings: list[np.ndarray]) -> np.ndarray:
     """Return which points lie inside, by the parity of the crossings of a ray to the right."""
-    inside = np.zeros(len(points), dtype=bool)
+    found = np.zeros(len(points), dtype=bool)
     x, y = points[:, :1], points[:, 1:]
     for ring in rings:
         a, b = ring, np.roll(ring, -1, axis=0)
         across = (a[:, 1] > y) != (b[:, 1] > y)
         with np.errstate(divide="ignore", invalid="ignore"):
             meets = a[:, 0] + (y - a[:, 1]) * (b[:, 0] - a[:, 0]) / (b[:, 1] - a[:, 1])
-        inside ^= (across & (meets > x)).sum(axis=1) % 2 == 1
-    return inside
+        found ^= (across & (meets > x)).sum(axis=1) % 2 == 1
+    return found
 
 
-def _distance(points: np.ndarray, border: np.ndarray) -> np.ndarray:
+def distance(points: np.ndarray, border: np.ndarray) -> np.ndarray:
+    """Return the distances (N,) of points to the nearest points of a border."""
     from scipy.spatial import cKDTree
 
     return cKDTree(border).query(points)[0]

@@ -206,7 +206,7 @@ def tube(path, radius, spacing: float, closed: bool = False) -> Mesh:
     else:
         line = np.concatenate([_evenly(line, spacing, 2), line[-1:]])
     centres, radii = line[:, :3], line[:, 3]
-    frames = _frames(centres, closed)
+    axes = frames(centres, closed)
     n = max(20, 2 * round(np.pi * radii.max() / spacing))
     rings = [(centre, r, 0.0, k) for k, (centre, r) in enumerate(zip(centres, radii, strict=True))]
     if not closed:
@@ -217,19 +217,19 @@ def tube(path, radius, spacing: float, closed: bool = False) -> Mesh:
         rings = [*first, *rings, *last]
     angles = 2 * np.pi * np.arange(n) / n
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    vertices = [centre + shift * frames[k][2] + r * circle @ frames[k][:2] for centre, r, shift, k in rings]
+    vertices = [centre + shift * axes[k][2] + r * circle @ axes[k][:2] for centre, r, shift, k in rings]
     faces = [_stitch(n * k, n, n * (k + 1), n) for k in range(len(rings) - 1)]
     if closed:
         faces.append(_stitch(n * (len(rings) - 1), n, 0, n))
         return np.concatenate(vertices), np.concatenate(faces)
-    tips = [centres[0] - radii[0] * frames[0][2], centres[-1] + radii[-1] * frames[-1][2]]
+    tips = [centres[0] - radii[0] * axes[0][2], centres[-1] + radii[-1] * axes[-1][2]]
     top = n * len(rings)
     faces.insert(0, _stitch(top, 1, 0, n))
     faces.append(_stitch(n * (len(rings) - 1), n, top + 1, 1))
     return np.concatenate([*vertices, np.array(tips)]), np.concatenate(faces)
 
 
-def _frames(centres: np.ndarray, closed: bool) -> np.ndarray:
+def frames(centres: np.ndarray, closed: bool) -> np.ndarray:
     """Return frames (N, 3, 3) along a path, transported without twist; the third axis is its direction.
 
     On a closed path an angle remains between the last frame and the first; it is spread over all frames.

@@ -9,6 +9,9 @@ import numpy as np
 
 from vibraverse.contract.seeds import rng
 
+#: Coordinates are rounded to a nanometre, so that processors with different rounding give the same bytes.
+_DIGITS = 9
+
 
 def between(low, high):
     """Return the field of a parameter drawn uniformly from [low, high]; an integer if both ends are."""
@@ -54,6 +57,13 @@ def draw(family: type[Shape], object_: str) -> Shape:
                 int(random.integers(low, high + 1)) if whole else _short(random.uniform(low, high))
             )
     return family(**values)
+
+
+def in_metres(vertices: np.ndarray, size_m: float) -> np.ndarray:
+    """Return points (N, 3) centred at the origin, their longest side ``size_m``, rounded to a nanometre."""
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    vertices = (vertices - (low + high) / 2) * (size_m / (high - low).max())
+    return np.round(vertices, _DIGITS) + 0.0  # no negative zeros
 
 
 def _short(value: float) -> float:

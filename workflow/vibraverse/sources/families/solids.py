@@ -39,13 +39,27 @@ def evened(joined: Manifold, spacing: float) -> Mesh:
     Unions leave slivers along their seams. Mmg remeshes the surface and keeps edges of more than 30 degrees sharp. If
     that changes the volume or the genus, the original surface is returned with long edges split.
     """
+    surface = remeshed(joined, spacing)
+    return surface if surface is not None else arrays(joined.refine_to_length(spacing))
+
+
+def remeshed(joined: Manifold, spacing: float, ridge_deg: float = 30.0) -> Mesh | None:
+    """Return the surface of a solid, remeshed by Mmg with triangles of about ``spacing``.
+
+    Edges of more than ``ridge_deg`` degrees stay sharp. Return None if Mmg fails, or changes the volume or the
+    genus.
+    """
     vertices, faces = arrays(joined)
-    remeshed = MmgMeshS(np.ascontiguousarray(vertices), faces.astype(np.int32))
-    remeshed.remesh(hmax=spacing, hmin=0.35 * spacing, hausd=0.05 * spacing, hgrad=1.5, ar=30.0, verbose=-1)
-    surface = remeshed.get_vertices().copy(), remeshed.get_triangles().astype(np.int64)
+    mesh = MmgMeshS(np.ascontiguousarray(vertices), faces.astype(np.int32))
+    size = {"hmax": spacing, "hmin": 0.35 * spacing, "hausd": 0.05 * spacing, "hgrad": 1.5}
+    try:
+        mesh.remesh(**size, ar=ridge_deg, verbose=-1)
+    except RuntimeError:  # Mmg gives up on some surfaces
+        return None
+    surface = mesh.get_vertices().copy(), mesh.get_triangles().astype(np.int64)
     result = Manifold(Mesh64(np.ascontiguousarray(surface[0]), surface[1].astype(np.uint64)))
     same = abs(result.volume() / joined.volume() - 1.0) < _MAX_VOLUME_CHANGE
-    return surface if same and result.genus() == joined.genus() else arrays(joined.refine_to_length(spacing))
+    return surface if same and result.genus() == joined.genus() else None
 
 
 def arrays(joined: Manifold) -> Mesh:
