@@ -16,6 +16,7 @@ from vibraverse.contract.seeds import rng
 from vibraverse.dataset import open as open_dataset
 from vibraverse.dataset.schema import SPLIT_COLUMNS
 from vibraverse.dataset.schema.tables import from_tsv
+from vibraverse.learn.baselines.polynomials import polynomial_ritz
 from vibraverse.learn.features import sample_surface
 from vibraverse.learn.samples import Samples, at
 from vibraverse.learn.scaling import scaled, scaled_material, unit_hz, unscaled
@@ -66,6 +67,25 @@ def test_the_spectrum_and_the_frequencies_agree(made):
         at_ratio = (1 - place + low) * spectra[:, low] + (place - low) * spectra[:, low + 1]
         found = np.exp(at_ratio) * unit_hz(volume, one["young_pa"], one["density_kg_m3"])[:, None]
         np.testing.assert_allclose(found, samples.rows("frequencies_hz")[:, number], rtol=2e-4)
+
+
+def test_ritz_frequencies_are_bounds_that_fall_with_the_degree(made):
+    """And those of a ball and of a bar with its cavity are what the baseline finds for one material."""
+    samples = at(made)
+    ritz, spectra = samples.rows("ritz").astype(float), samples.rows("log_omega").astype(float)
+    assert samples.ritz_degrees == [4, 6, 8]
+    assert (np.diff(ritz, axis=2) < 1e-6).all()
+    # Elements are bounds of their own, so where polynomials are nearly exact these may be a little below them.
+    assert (ritz[:, :, -1] > spectra - 0.02).all()
+    poisson = float(samples.poisson[3])
+    with open_dataset(made / "dataset") as reader:
+        for body, prefix in ((0, "surface"), (2, "boundary")):
+            place = {"object": str(samples.object[body]), "solidity": str(samples.solidity[body])}
+            shape = [reader.read(f"{prefix}_{part}", **place) for part in ("vertices", "faces")]
+            steel = {"young_pa": 2e11, "density_kg_m3": 7850.0, "poisson": poisson}
+            expected = polynomial_ritz(*shape, steel, 0.02, 6, ritz.shape[-1]).frequencies_hz
+            unit = unit_hz(0.02**3 * trimesh.Trimesh(*shape).volume, 2e11, 7850.0)
+            np.testing.assert_allclose(np.exp(ritz[body, 3, 1]) * unit, expected, rtol=1e-5)
 
 
 def test_points_lie_on_the_surface_with_its_normals():

@@ -65,16 +65,17 @@ def test_a_model_overfits_eight_samples(data, tmp_path, task, model, monkeypatch
     done = train(made, asked.training, tmp_path / "work", seed=0, facts={}, say=lambda line: None)
     after = evaluate(made, done.model, "train", asked.training)[0]
     if task == "frequencies":
-        assert after["median"] < {"published": 0.1, "physics": 0.01}[model] < before["median"]
+        assert after["median"] < {"published": 0.1, "physics": 0.01, "ritz": 0.01}[model] < before["median"]
     elif model in ("image", "material"):
         assert after["accuracy"] == 0.5
     else:
         assert after["accuracy"] == 1.0
 
 
-def test_young_modulus_and_size_enter_exactly(data):
+@pytest.mark.parametrize("model", ["physics", "ritz"])
+def test_young_modulus_and_size_enter_exactly(data, model):
     """Four times E doubles every frequency, eight times the volume halves it, to rounding."""
-    task = task_at(*data, options("frequencies", "physics"))
+    task = task_at(*data, options("frequencies", model))
     found, bodies = np.log(np.linspace(2, 9, 24))[None].repeat(2, axis=0), np.array([0, 1])
     once = task.hertz(found, bodies, 0)
     next(iter(task.samples.materials.values()))["young_pa"] *= 4
@@ -84,11 +85,12 @@ def test_young_modulus_and_size_enter_exactly(data):
     np.testing.assert_allclose(task.hertz(found, bodies, 0), once, rtol=1e-14)
 
 
-def test_predicted_spectra_ascend(data):
-    task = task_at(*data, options("frequencies", "physics"))
+@pytest.mark.parametrize("name", ["physics", "ritz"])
+def test_predicted_spectra_ascend(data, name):
+    task = task_at(*data, options("frequencies", name))
     torch.manual_seed(0)
     model = task.model()
-    torch.nn.init.normal_(model.head[-1].weight, std=0.3)
+    torch.nn.init.normal_((model.head[-1] if name == "physics" else model.head.last).weight, std=0.3)
     _, found = evaluate(task, model.state_dict(), "test", task.options.training)
     assert (np.diff(found["found"], axis=1) >= 0).all()
     assert np.ptp(found["found"][:, 0]) > 0.02  # bodies differ
@@ -99,6 +101,17 @@ def test_an_untrained_physics_model_is_the_rescaled_mean(data):
     mean = task.samples.rows("log_omega", task.sides["train"]).mean(axis=(0, 1))
     _, found = evaluate(task, task.model().state_dict(), "test", task.options.training)
     np.testing.assert_allclose(found["found"], np.broadcast_to(mean, found["found"].shape), atol=2e-3)
+
+
+def test_an_untrained_ritz_model_removes_the_usual_error(data):
+    task = task_at(*data, options("frequencies", "ritz"))
+    samples, bodies = task.samples, task.sides["train"]
+    usual = np.median(samples.rows("log_omega", bodies) - samples.rows("ritz", bodies)[:, :, -1], axis=(0, 1))
+    _, found = evaluate(task, task.model().state_dict(), "test", task.options.training)
+    poisson = next(iter(samples.materials.values()))["poisson"]
+    tested = samples.rows("ritz", task.sides["test"])[:, :, -1]
+    at = [[np.interp(poisson, samples.poisson, mode) for mode in body.T] for body in tested]
+    np.testing.assert_allclose(found["found"], np.sort(np.array(at) + usual, axis=1), atol=1e-5)
 
 
 def test_items_depend_on_seed_epoch_and_body_alone(data):

@@ -12,7 +12,7 @@ from vibraverse.contract.texts import unknown
 
 #: Task -> its models, the published one first.
 MODELS = {
-    "frequencies": ("published", "physics"),
+    "frequencies": ("published", "physics", "ritz"),
     "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
 }
 #: How the objects of a run are divided into those that are trained on and those that are not.
@@ -30,6 +30,11 @@ class Features(Section):
 
     poisson_range: tuple[float, float] = (0.1, 0.4)
     """Smallest and largest of them, within ``basis.poisson_range``."""
+
+    ritz_degrees: list[Annotated[int, Field(ge=2, le=12)]] = Field(
+        default_factory=lambda: [4, 6, 8], min_length=1
+    )
+    """Degrees of the polynomials whose Ritz frequencies models may start from, ascending."""
 
     look: str = "clay"
     """Look of the pictures; one that shows no material."""

@@ -17,7 +17,7 @@ _SAMPLES = {
 LEARNING_STEPS = (
     Step(
         name="features",
-        version=1,
+        version=2,
         help="write the arrays of one shard that training reads",
         per=SHARD,
         family="learn",
@@ -37,7 +37,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="train",
-        version=1,
+        version=2,
         help="train one model of a benchmark task",
         per=TRAINING,
         family="learn",
@@ -56,7 +56,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="evaluate",
-        version=1,
+        version=2,
         help="compare a trained model's answers with the truth",
         per=TRAINING,
         family="learn",
@@ -76,7 +76,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="baselines",
-        version=1,
+        version=2,
         help="fit the simple predictors of a task, to compare with",
         per=COMPARISON,
         family="learn",

@@ -15,6 +15,7 @@ import numpy as np
 from vibraverse.contract.seeds import rng
 from vibraverse.files.basis import read_basis
 from vibraverse.geometry import surfaces
+from vibraverse.learn.baselines.polynomials import polynomial_spaces
 from vibraverse.learn.invariants import invariants
 from vibraverse.physics.modes import reduced_solve
 
@@ -26,6 +27,7 @@ ARRAYS = {
     "points": "points on the surface (p, 6): position (normalised length), outward normal",
     "invariants": "scale-free invariants (5,) of the shape, see `vibraverse.learn.invariants`",
     "log_omega": "logarithm of the dimensionless frequencies (k, m) at Poisson's ratios `poisson`",
+    "ritz": "the same (k, d, m) by polynomials of the degrees `ritz_degrees`: upper bounds",
     "frequencies_hz": "frequencies in Hz (n, m) in the named materials, corrected as in the dataset",
     "volume_m3": "volume in m³",
     "size_m": "longest side in m",
@@ -71,6 +73,7 @@ def write_features(reader: Reader, folder: Path, options) -> dict:
             for name in materials
         },
         "poisson": poisson.tolist(),
+        "ritz_degrees": list(options.ritz_degrees),
         "arrays": {
             name: {"shape": array.shape, "dtype": str(array.dtype), "meaning": ARRAYS[name]}
             for name, array in arrays.items()
@@ -120,6 +123,9 @@ def _body(reader: Reader, object_: str, solidity: str, materials: list[str], poi
     return {
         "points": sample_surface(vertices, faces, options.points, rng(object_, solidity, "points")),
         "invariants": invariants(vertices, faces).astype(np.float32),
+        "ritz": ritz_spectra(vertices, faces, poisson, options.ritz_degrees, frequencies.shape[1]).astype(
+            np.float32
+        ),
         "log_omega": spectrum(basis, poisson, frequencies.shape[1]).astype(np.float32),
         "frequencies_hz": frequencies,
         "volume_m3": np.float64(reader.read("volume_m3", **place, material=materials[0])),
@@ -132,6 +138,19 @@ def spectrum(basis, poisson, modes: int) -> np.ndarray:
     """Return the logarithm of the dimensionless frequencies (k, m) of a body at Poisson's ratios (k,)."""
     values = np.stack([reduced_solve(basis, float(nu), modes).values for nu in poisson])
     return 0.5 * np.log(values) + np.log(basis.volume) / 3.0
+
+
+def ritz_spectra(vertices: np.ndarray, faces: np.ndarray, poisson, degrees, modes: int) -> np.ndarray:
+    """Return what :func:`spectrum` does (k, d, m), by polynomial displacements of total degrees (d,): upper bounds.
+
+    ``vertices`` (V, 3) in any unit and ``faces`` (F, 3) are the closed surface of the body.
+    """
+    try:
+        spaces = polynomial_spaces(vertices, faces, degrees)
+        values = [[space.modes(float(nu), modes)[0] for space in spaces] for nu in poisson]
+    except ValueError as error:
+        raise Unusable(f"learn.features.ritz_degrees: {error}") from None
+    return 0.5 * np.log(values) + np.log(surfaces.volume(vertices, faces)) / 3.0
 
 
 def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, random) -> np.ndarray:

@@ -18,8 +18,8 @@ class Samples:
     """The bodies of a dataset, sorted by object, the solid one first; arrays are memory-mapped.
 
     ``object``, ``solidity``, ``origin`` and ``family`` are arrays of texts (n,). ``materials`` maps names to their
-    parameters, ``poisson`` (k,) are the ratios at which ``log_omega`` is known. :meth:`rows` reads any array of
-    :data:`vibraverse.learn.features.ARRAYS`.
+    parameters, ``poisson`` (k,) are the ratios at which ``log_omega`` and ``ritz`` are known, ``ritz_degrees`` (d,) the
+    polynomials' degrees in ``ritz``. :meth:`rows` reads any array of :data:`vibraverse.learn.features.ARRAYS`.
 
     Raises :class:`ValueError` for features that do not belong together, or hold no body.
     """
@@ -33,7 +33,7 @@ class Samples:
             )
         self.folders, records = list(records), list(records.values())
         for folder, record in zip(self.folders, records, strict=True):
-            for what in ("materials", "poisson"):
+            for what in ("materials", "poisson", "ritz_degrees"):
                 if record[what] != records[0][what]:
                     raise ValueError(
                         f"{folder} holds other {what} than {self.folders[0]}; run the same command again, which makes "
@@ -41,6 +41,7 @@ class Samples:
                     )
         self.materials: dict[str, dict[str, float]] = records[0]["materials"]
         self.poisson = np.array(records[0]["poisson"])
+        self.ritz_degrees: list[int] = records[0]["ritz_degrees"]
         names = ("object", "solidity", "origin", "family")
         columns = {name: np.concatenate([one["bodies"][name] for one in records]) for name in names}
         counts = [len(one["bodies"]["object"]) for one in records]

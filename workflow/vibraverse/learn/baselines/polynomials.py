@@ -14,6 +14,7 @@ J. Acoust. Soc. Am. 90, 2154, 1991), with Legendre products for conditioning.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import product
 
@@ -70,12 +71,25 @@ class PolynomialSpace:
 
 def polynomial_space(vertices: np.ndarray, faces: np.ndarray, degree: int) -> PolynomialSpace:
     """Return the polynomial displacements up to a total degree of the solid in a closed surface (V, 3), (F, 3)."""
+    return polynomial_spaces(vertices, faces, [degree])[0]
+
+
+def polynomial_spaces(
+    vertices: np.ndarray, faces: np.ndarray, degrees: Sequence[int]
+) -> list[PolynomialSpace]:
+    """Return the spaces of several degrees; the moments, which take longest, are integrated once."""
     axes = principal_axes(vertices, faces)[1]
     turned = vertices @ axes
     used = turned[np.unique(faces)]
     middle, half = 0.5 * (used.max(axis=0) + used.min(axis=0)), 0.5 * np.ptp(used, axis=0)
+    moments = legendre_moments((turned - middle) / half, faces, 2 * max(degrees))
+    return [_space(moments[(slice(2 * degree + 1),) * 3], degree, axes, middle, half) for degree in degrees]
+
+
+def _space(moments: np.ndarray, degree: int, axes, middle, half) -> PolynomialSpace:
+    """Return the space of a degree N from the moments (2N + 1, 2N + 1, 2N + 1); those above ``2N`` are not used."""
     powers = np.array([p for p in product(range(degree + 1), repeat=3) if sum(p) <= degree])
-    gram = half.prod() * _gram(legendre_moments((turned - middle) / half, faces, 2 * degree), powers)
+    gram = half.prod() * _gram(moments, powers)
     slopes = [_slope(powers, axis) / half[axis] for axis in range(3)]
     turn = _orthonormalising(gram)
     elastic = _elastic(turn.T @ gram @ _rigid(powers, middle, half).reshape(len(powers), -1))

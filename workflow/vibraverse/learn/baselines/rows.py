@@ -21,7 +21,10 @@ def baselines(task) -> Iterator[tuple[str, float, list[dict]]]:
 
 
 def _frequencies(task):
-    """Yield the statistical baselines of task ``frequencies``; each training body in all named materials."""
+    """Yield the baselines of task ``frequencies``: polynomial Ritz, then those that learn from the training bodies.
+
+    Each body counts in all named materials.
+    """
     samples = task.samples
     materials = list(samples.materials)
 
@@ -34,10 +37,21 @@ def _frequencies(task):
         return statistics.Bodies(
             invariants=np.repeat(samples.rows("invariants", chosen), many, axis=0),
             volume_m3=np.repeat(samples.rows("volume_m3", chosen), many),
+            ritz=_at_materials(samples, chosen).reshape(len(chosen) * many, len(samples.ritz_degrees), -1),
             material=np.tile(materials, len(chosen)),
             **parameters,
         )
 
+    def hertz(tested: statistics.Bodies, log_omega: np.ndarray) -> dict[str, np.ndarray]:
+        return {"found_hz": tested.hertz(log_omega).reshape(-1, len(materials), log_omega.shape[-1])}
+
+    for number, degree in enumerate(samples.ritz_degrees):
+
+        def answers(side: str, number=number) -> dict[str, np.ndarray]:
+            tested = bodies_of(side)
+            return hertz(tested, tested.ritz[:, number])
+
+        yield f"polynomial Ritz, N = {degree}", answers
     trained = bodies_of(TRAIN)
     frequencies = samples.rows("frequencies_hz", task.sides[TRAIN])
     log_omega = trained.log_omega(frequencies.reshape(-1, frequencies.shape[-1]))
@@ -45,10 +59,22 @@ def _frequencies(task):
 
         def answers(side: str, fit=fit) -> dict[str, np.ndarray]:
             tested = bodies_of(side)
-            found = tested.hertz(fit(trained, log_omega)(tested))
-            return {"found_hz": found.reshape(-1, len(materials), found.shape[-1])}
+            return hertz(tested, fit(trained, log_omega)(tested))
 
         yield name, answers
+
+
+def _at_materials(samples, bodies: np.ndarray) -> np.ndarray:
+    """Return the logarithms of the Ritz frequencies (n, materials, d, m) at the materials' Poisson's ratios."""
+    at = np.interp(
+        [one["poisson"] for one in samples.materials.values()],
+        samples.poisson,
+        np.arange(len(samples.poisson)),
+    )
+    low = np.minimum(at.astype(int), len(samples.poisson) - 2)
+    share = (at - low)[:, None, None]
+    stored = samples.rows("ritz", bodies).astype(np.float64)
+    return (1 - share) * stored[:, low] + share * stored[:, low + 1]
 
 
 def _solidity(task):

@@ -27,11 +27,13 @@ TREES, ROUNDS, _DIRECTIONS = 300, 300, 8
 class Bodies:
     """Bodies in materials, one per row: all that a predictor may look at.
 
-    ``invariants`` (n, 5) are those of :mod:`vibraverse.learn.invariants`. ``material`` (n,) holds names, the others
-    (n,) are numbers in SI units.
+    ``invariants`` (n, 5) are those of :mod:`vibraverse.learn.invariants`, ``ritz`` (n, d, m) logarithms of the
+    dimensionless polynomial Ritz frequencies of d degrees, ascending. ``material`` (n,) holds names, the others (n,)
+    are numbers in SI units.
     """
 
     invariants: np.ndarray
+    ritz: np.ndarray
     volume_m3: np.ndarray
     young_pa: np.ndarray
     density_kg_m3: np.ndarray
@@ -159,6 +161,29 @@ def gradient_boosting(
     return predict
 
 
+def corrected_ritz(bodies: Bodies, log_omega: np.ndarray) -> Predictor:
+    """Predict the Ritz frequencies of the highest degree, less the mean logarithmic error of each mode."""
+    mean = (log_omega - bodies.ritz[:, -1]).mean(axis=0)
+    return lambda others: np.sort(others.ritz[:, -1] + mean, axis=1)
+
+
+def trees_on_ritz(bodies: Bodies, log_omega: np.ndarray, seed: int = 0, trees: int = TREES) -> Predictor:
+    """Predict the error of the Ritz frequencies with a forest of extremely randomised trees.
+
+    It sees what :func:`extra_trees` does, and every fourth mode of all degrees: the highest, and the steps between.
+    """
+    from sklearn.ensemble import ExtraTreesRegressor
+
+    def columns(some: Bodies) -> np.ndarray:
+        modes = some.ritz[:, :, ::4]
+        steps = np.diff(modes, axis=1).reshape(len(some), -1)
+        return np.column_stack([_columns(some), modes[:, -1], steps])
+
+    forest = ExtraTreesRegressor(n_estimators=trees, min_samples_leaf=2, random_state=seed, n_jobs=1)
+    forest.fit(columns(bodies), log_omega - bodies.ritz[:, -1])
+    return lambda others: np.sort(others.ritz[:, -1] + forest.predict(columns(others)), axis=1)
+
+
 #: The baselines by name.
 BASELINES: dict[str, Callable[[Bodies, np.ndarray], Predictor]] = {
     "training mean": training_mean,
@@ -167,6 +192,8 @@ BASELINES: dict[str, Callable[[Bodies, np.ndarray], Predictor]] = {
     "nearest shapes": nearest,
     "extra trees": extra_trees,
     "gradient boosting": gradient_boosting,
+    "polynomial Ritz, mean correction": corrected_ritz,
+    "extra trees on Ritz": trees_on_ritz,
 }
 
 

@@ -3,7 +3,7 @@
 ``published`` is the network of the VibraVerse paper: shape and material to 64 frequencies on the scaled mel scale.
 ``physics`` predicts the dimensionless spectrum from the shape and Poisson's ratio alone. Young's modulus, density and
 size enter exactly, the frequencies ascend by construction, and every sample of every epoch has a Poisson's ratio of its
-own.
+own. ``ritz`` does the same as a correction of the polynomial Ritz frequencies, which take a second of computing.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from torch import nn
 
 from vibraverse.learn.judging import judge_frequencies
 from vibraverse.learn.metrics import LOWEST, frequency_errors
+from vibraverse.learn.networks.corrector import Corrector
 from vibraverse.learn.networks.dense import dense, material_network
 from vibraverse.learn.networks.octree import OctreeNetwork, rotations, turned
 from vibraverse.learn.networks.siren import Siren
@@ -71,6 +72,30 @@ class Physics(nn.Module):
         return torch.sort(self.mean + found, dim=-1).values
 
 
+class Corrected(nn.Module):
+    """As :class:`Physics`, from the frequencies of polynomial Ritz ``start`` (d, m) in place of a mean.
+
+    ``mean`` (m,) is that of the logarithm of the true frequencies over those of the highest degree.
+    """
+
+    def __init__(self, network, mean: np.ndarray, start: np.ndarray, centre: np.ndarray, spread: np.ndarray):
+        super().__init__()
+        self.shape = OctreeNetwork(network.depth, _SHAPE)
+        known = dense(_SHAPE + len(centre) + 1, network.width, 1, network.width)
+        self.known = nn.Sequential(known, nn.GELU())
+        self.head = Corrector(*start.shape, network.width, network.width, network.layers)
+        for name, values in (("mean", mean), ("start", start), ("centre", centre), ("spread", spread)):
+            self.register_buffer(name, torch.tensor(values, dtype=torch.float32))
+
+    def forward(self, batch: dict) -> torch.Tensor:
+        """Return the logarithms (B, m)."""
+        invariants = (batch["invariants"] - self.centre) / self.spread
+        poisson = (batch["poisson"][:, None] - 0.25) / 0.15
+        known = self.known(torch.cat([self.shape(batch["points"]), invariants, poisson], dim=-1))
+        found = self.head(batch["ritz"] - self.start, known).float()
+        return torch.sort(batch["ritz"][:, -1] + self.mean + found, dim=-1).values
+
+
 class Shapes(Drawn):
     """Bodies as points, invariants, material and frequencies.
 
@@ -96,6 +121,7 @@ class Shapes(Drawn):
             "invariants": np.log(samples.row("invariants", body)),
             "poisson": np.float32(poisson),
             "log_omega": np.array(samples.row("log_omega", body)),
+            "ritz": np.array(samples.row("ritz", body)),
         }
 
 
@@ -114,8 +140,13 @@ class Frequencies(BodyTask):
         if self._published:
             return Published(self.options.network, self.samples.row("log_omega", 0).shape[-1])
         invariants = np.log(self.samples.rows("invariants", train))
-        mean = self.samples.rows("log_omega", train).mean(axis=(0, 1))
-        return Physics(self.options.network, mean, invariants.mean(axis=0), invariants.std(axis=0) + 1e-6)
+        about = invariants.mean(axis=0), invariants.std(axis=0) + 1e-6
+        true = self.samples.rows("log_omega", train)
+        if self.options.model == "physics":
+            return Physics(self.options.network, true.mean(axis=(0, 1)), *about)
+        start = self.samples.rows("ritz", train)
+        mean = np.median(true - start[:, :, -1], axis=(0, 1))
+        return Corrected(self.options.network, mean, start.mean(axis=(0, 1)), *about)
 
     def dataset(self, split: str, material: int = 0) -> Shapes:
         """Return the bodies of a side; those of ``train`` are drawn anew in each epoch, others have one material."""
@@ -127,7 +158,8 @@ class Frequencies(BodyTask):
         batch = super().prepare(batch, device)
         nodes = torch.tensor(self.samples.poisson, dtype=torch.float32, device=device)
         points = turned(batch["points"], rotations(batch["turn"]))
-        return {**batch, "points": points, "log_omega": between(nodes, batch["log_omega"], batch["poisson"])}
+        spectra = {name: between(nodes, batch[name], batch["poisson"]) for name in ("log_omega", "ritz")}
+        return {**batch, "points": points, **spectra}
 
     def losses(self, model: nn.Module, batch: dict) -> torch.Tensor:
         """Return the loss of every sample (B,)."""
@@ -175,9 +207,9 @@ class Frequencies(BodyTask):
 
 
 def between(nodes: torch.Tensor, values: torch.Tensor, at: torch.Tensor) -> torch.Tensor:
-    """Return values (B, m) at ``at`` (B,), linear between those (B, k, m) at equidistant nodes (k,)."""
+    """Return values (B, …) at ``at`` (B,), linear between those (B, k, …) at equidistant nodes (k,)."""
     place = (at - nodes[0]) / (nodes[1] - nodes[0])
     low = place.floor().clamp(0, len(nodes) - 2).long()
-    share = (place - low)[:, None]
+    share = (place - low).reshape(-1, *[1] * (values.ndim - 2))
     rows = torch.arange(len(at), device=at.device)
     return (1 - share) * values[rows, low] + share * values[rows, low + 1]
