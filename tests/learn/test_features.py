@@ -133,14 +133,14 @@ def samples(tmp_path_factory):
     return Samples([write(tmp_path_factory.mktemp("sides") / "0", [*OBJECTS, "own-0001"])])
 
 
-def divided(samples, tmp_path, split: str, copies=None, hold_out=()):
+def divided(samples, tmp_path, split: str, copies=None, **options):
     rows = from_tsv(
         write_splits(tmp_path / "splits.tsv", [*OBJECTS, "own-0001"], copies).read_text(), SPLIT_COLUMNS
     )
-    return sides(samples, split, {row["object"]: row for row in rows}, 3, hold_out)
+    return sides(samples, split, {row["object"]: row for row in rows}, 3, **options)
 
 
-@pytest.mark.parametrize("split", ["object", "family-0", "family-1", "family-2"])
+@pytest.mark.parametrize("split", ["object", "family-0", "family-1", "family-2", "shuffled-0", "shuffled-2"])
 def test_every_body_is_on_one_side_with_its_twin(samples, tmp_path, split):
     found = divided(samples, tmp_path, split, hold_out=["files"])
     together = np.concatenate(list(found.values()))
@@ -160,6 +160,24 @@ def test_a_family_is_tested_once_and_then_never_trained_on(samples, tmp_path):
     assert sorted(tested) == sorted(set(samples.family))
 
 
+def test_an_object_is_tested_in_one_fold_of_the_shuffled_objects(samples, tmp_path):
+    tested = [divided(samples, tmp_path, f"shuffled-{fold}")["test"] for fold in range(3)]
+    assert sorted(np.concatenate(tested)) == list(range(len(samples)))
+    assert all(len(set(samples.family[bodies])) > 3 for bodies in tested)  # families are mixed
+    copied = divided(samples, tmp_path, "shuffled-1", copies={"tin-0002": "bar-0001"})
+    side = {object_: name for name, bodies in copied.items() for object_ in samples.object[bodies]}
+    assert side["tin-0002"] == side["bar-0001"]
+
+
+def test_families_left_out_are_on_no_side_and_change_no_fold(samples, tmp_path):
+    for split in ("object", "family-1", "shuffled-1"):
+        whole = divided(samples, tmp_path, split)
+        less = divided(samples, tmp_path, split, leave_out=["mug", "rod"])
+        for side, bodies in whole.items():
+            kept = [body for body in bodies if samples.family[body] not in ("mug", "rod")]
+            np.testing.assert_array_equal(less[side], kept)
+
+
 def test_a_copy_is_on_the_side_of_its_original(samples, tmp_path):
     for fold in range(3):
         found = divided(samples, tmp_path, f"family-{fold}", copies={"tin-0002": "bar-0001"})
@@ -173,7 +191,7 @@ def test_an_empty_side_is_one_sentence(tmp_path):
     with pytest.raises(
         TooFew, match=r"of 3 objects leaves no body for validation; add objects, or raise the share"
     ):
-        sides(few, "object", {row["object"]: row for row in rows}, 3, ())
+        sides(few, "object", {row["object"]: row for row in rows}, 3)
     with pytest.raises(TooFew, match=r"lower learn.folds below 3: there are 1 families"):
-        sides(few, "family-2", {row["object"]: row for row in rows}, 3, ())
+        sides(few, "family-2", {row["object"]: row for row in rows}, 3)
     assert OPTIONS.points == 512

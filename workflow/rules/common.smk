@@ -31,6 +31,6 @@ wildcard_constraints:
     shard=r"\d{5}",
     body=r"[a-z-]+",
     task=r"[a-z]+",
-    split=r"object|family-\d+",
+    split=r"object|(shuffled|family)-\d+",
     model=r"[a-z]+",
     seed=r"\d+",

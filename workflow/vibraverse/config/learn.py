@@ -16,7 +16,8 @@ MODELS = {
     "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
 }
 #: How the objects of a run are divided into those that are trained on and those that are not.
-OBJECT, FAMILY = "object", "family"
+OBJECT, SHUFFLED, FAMILY = "object", "shuffled", "family"
+Split = Literal["object", "shuffled", "family"]
 
 
 class Features(Section):
@@ -92,6 +93,9 @@ class LearningTask(Section):
     network: dict[str, int] = Field(default_factory=dict)
     """Keys of ``network`` that differ from the preset's."""
 
+    splits: list[Split] = Field(default_factory=list)
+    """Splits of this task; none: those of ``learn.splits``."""
+
 
 class RunOptions(Section):
     """One training, which the workflow fills in from the rest of the configuration."""
@@ -103,16 +107,19 @@ class RunOptions(Section):
     """Name of the model."""
 
     split: str
-    """``object``, or ``family-K`` for the fold K."""
+    """``object``, or ``shuffled-K`` or ``family-K`` for the fold K."""
 
     seed: int = 0
     """Seed of weights and order."""
 
     folds: int = 5
-    """Folds of the split by family."""
+    """Folds of the splits that have folds."""
 
     hold_out: list[str] = Field(default_factory=list)
     """Origins that are never trained on."""
+
+    leave_out: list[str] = Field(default_factory=list)
+    """Families that are neither trained on nor tested."""
 
     preset: str = "cpu"
     """Preset that the settings come from."""
@@ -137,17 +144,18 @@ class Learn(Section):
     seeds: list[Annotated[int, Field(ge=0)]] = Field(default_factory=lambda: [0, 1, 2], min_length=1)
     """One training each."""
 
-    splits: list[Literal["object", "family"]] = Field(
-        default_factory=lambda: ["object", "family"], min_length=1
-    )
-    """``object``: the splits of the dataset. ``family``: folds of whole families or categories, tested on shapes of a
-    kind that training has not seen."""
+    splits: list[Split] = Field(default_factory=lambda: ["object", "family"], min_length=1)
+    """``object``: the splits of the dataset. ``shuffled``: folds of objects, so that each is tested once. ``family``:
+    folds of whole families or categories, tested on shapes of a kind that training has not seen."""
 
     folds: int = Field(5, ge=2, le=100)
-    """Folds of the split by family."""
+    """Folds of the splits ``shuffled`` and ``family``; each fold is a training."""
 
     hold_out: list[str] = Field(default_factory=list)
     """Origins that are never trained on and always tested (``files``, ``bundled``, ``objaverse``)."""
+
+    leave_out: list[str] = Field(default_factory=list)
+    """Families that are neither trained on nor tested; folds stay those of all families. Shows what a family brings."""
 
     gpus: int = Field(0, ge=0, le=1)
     """GPUs of one training: 1, or 0 for the processor."""
@@ -199,13 +207,17 @@ class Learn(Section):
             seed=seed,
             folds=self.folds,
             hold_out=self.hold_out,
+            leave_out=self.leave_out,
             preset=self.preset,
             gpus=self.gpus,
             training={**preset["training"], **own.training},
             network={**preset["network"], **own.network},
         )
 
-    def sides(self) -> list[str]:
-        """Return the names of the splits: ``object``, ``family-0``, ``family-1``, …"""
-        folds = [f"family-{fold}" for fold in range(self.folds)]
-        return [name for split in self.splits for name in ([OBJECT] if split == OBJECT else folds)]
+    def sides(self, task: str) -> list[str]:
+        """Return the names of a task's splits: ``object``, ``family-0``, ``family-1``, …"""
+        return [
+            name
+            for split in getattr(self, task).splits or self.splits
+            for name in ([split] if split == OBJECT else [f"{split}-{fold}" for fold in range(self.folds)])
+        ]

@@ -127,7 +127,9 @@ class Plan:
         """Return the JSON block of the baselines of a task and a split."""
         learn = self.config.learn
         run = learn.run(wildcards.task, wildcards.split, learn.models(wildcards.task)[0], 0)
-        return run.model_dump_json(include={"task", "model", "split", "seed", "folds", "hold_out"})
+        return run.model_dump_json(
+            include={"task", "model", "split", "seed", "folds", "hold_out", "leave_out"}
+        )
 
     def trainings(self) -> list[dict[str, str]]:
         """Return the wildcards of all trainings."""
@@ -135,7 +137,7 @@ class Plan:
         return [
             {"task": task, "split": split, "model": model, "seed": str(seed)}
             for task in learn.tasks
-            for split in learn.sides()
+            for split in learn.sides(task)
             for model in learn.models(task)
             for seed in learn.seeds
         ]

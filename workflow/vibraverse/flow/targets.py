@@ -55,7 +55,7 @@ def baselines(plan: Plan) -> list[str]:
     return [
         plan.paths.at(plan.paths.baselines, task=task, split=split)
         for task in learn.tasks
-        for split in learn.sides()
+        for split in learn.sides(task)
     ]
 
 

@@ -7,6 +7,7 @@ where there is an interval ``low`` and ``high``; ``count`` is the number of bodi
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -15,26 +16,41 @@ from vibraverse.learn.metrics import LOWEST, bootstrap, frequency_errors, wilson
 from vibraverse.learn.samples import Samples
 from vibraverse.learn.scaling import scaled
 from vibraverse.learn.sides import HELD_OUT, TEST
+from vibraverse.sources.families import GROUPS
 
 #: Bounds of the thickness t by which bodies are looked at.
 _THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
 
 
-def judged(task, answers: Callable[[str], dict[str, np.ndarray]]) -> tuple[dict[str, np.ndarray], list[dict]]:
-    """Return the answers on all tested sides, as ``side/name``, and the rows of their measures.
+@dataclass
+class Judgement:
+    """Answers on all tested sides as ``side/name``, the rows of their measures, and which bodies were judged rightly.
 
-    ``answers(side)`` returns what the task's ``judge`` takes. Sides without bodies are left out.
+    ``right`` maps a side to body -> bool, for tasks whose answers are right or wrong.
     """
-    found: dict[str, np.ndarray] = {}
-    rows: list[dict] = []
+
+    answers: dict[str, np.ndarray] = field(default_factory=dict)
+    rows: list[dict] = field(default_factory=list)
+    right: dict[str, dict[str, bool]] = field(default_factory=dict)
+
+
+def judged(task, answers: Callable[[str], dict[str, np.ndarray]]) -> Judgement:
+    """Return the judgement of a model; ``answers(side)`` returns what the task's ``judge`` takes.
+
+    Sides without bodies are left out.
+    """
+    found = Judgement()
     for side in (TEST, HELD_OUT):
         bodies = task.sides[side]
         if len(bodies):
-            said = answers(side)
-            found |= {f"{side}/{name}": values for name, values in said.items()}
-            found[f"{side}/body"] = np.array([task.samples.ids[body] for body in bodies])
-            rows += [{"side": side, **row} for row in task.judge(bodies, said)]
-    return found, rows
+            said, names = answers(side), [task.samples.ids[body] for body in bodies]
+            found.answers |= {f"{side}/{name}": values for name, values in said.items()}
+            found.answers[f"{side}/body"] = np.array(names)
+            found.rows += [{"side": side, **row} for row in task.judge(bodies, said)]
+            right = task.right(bodies, said)
+            if right is not None:
+                found.right[side] = dict(zip(names, right.tolist(), strict=True))
+    return found
 
 
 def judge_frequencies(samples: Samples, bodies: np.ndarray, found_hz: np.ndarray) -> list[dict]:
@@ -56,9 +72,8 @@ def judge_frequencies(samples: Samples, bodies: np.ndarray, found_hz: np.ndarray
     return rows
 
 
-def judge_solidity(samples: Samples, bodies: np.ndarray, hollow: np.ndarray) -> list[dict]:
-    """Return the rows of probabilities (n,) that bodies (n,) are hollow."""
-    right = (hollow > 0.5) == (samples.solidity[bodies] == "hollow")
+def judge_solidity(samples: Samples, bodies: np.ndarray, right: np.ndarray) -> list[dict]:
+    """Return the rows of bodies (n,) of which some were judged rightly (n,)."""
     rows = []
     for source, mask in _sources(samples, bodies).items():
         hits, count = int(right[mask].sum()), int(mask.sum())
@@ -69,8 +84,9 @@ def judge_solidity(samples: Samples, bodies: np.ndarray, hollow: np.ndarray) -> 
 
 
 def _sources(samples: Samples, bodies: np.ndarray) -> dict[str, np.ndarray]:
-    """Return masks (n,) of the bodies that have something in common: everything, an origin, a solidity, a thickness.
+    """Return masks (n,) of bodies that have something in common.
 
+    All of them; an origin, a group of families, a solidity, a thickness.
     The thickness of an object is that of its hollow body.
     """
     origin, solidity, object_ = samples.origin[bodies], samples.solidity[bodies], samples.object[bodies]
@@ -79,6 +95,11 @@ def _sources(samples: Samples, bodies: np.ndarray) -> dict[str, np.ndarray]:
     thickness = np.array([of_object.get(name, np.nan) for name in object_])
     masks = {"all": np.ones(len(bodies), dtype=bool)}
     masks |= {f"origin {name}": origin == name for name in sorted(set(origin))}
+    families = samples.family[bodies]
+    masks |= {
+        name: (origin == "generated") & np.isin(families, GROUPS[name])
+        for name in ("parametric", "open-ended")
+    }
     masks |= {name: solidity == name for name in ("solid", "hollow")}
     masks |= {
         f"t {low:g}-{high:g}": (thickness >= low) & (thickness < high) for low, high in pairwise(_THICKNESS)

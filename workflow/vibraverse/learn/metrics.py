@@ -41,6 +41,17 @@ def wilson(hits: int, count: int) -> tuple[float, float]:
     return float(centre - half), float(centre + half)
 
 
+def mcnemar(one: np.ndarray, other: np.ndarray) -> float:
+    """Return the probability that two equally good classifiers differ as much on the same samples (n,) as these.
+
+    ``one`` and ``other`` are True where each is right. Exact: a binomial test of the samples on which they differ.
+    """
+    from scipy.stats import binomtest
+
+    wins, losses = int((one & ~other).sum()), int((other & ~one).sum())
+    return float(binomtest(wins, wins + losses).pvalue) if wins + losses else 1.0
+
+
 def bootstrap(values: np.ndarray, groups: np.ndarray, statistic=np.median, draws: int = 1000, seed: int = 0):
     """Return the 95 % interval of a statistic of values (n, …) over resampled groups (n,), such as objects."""
     random = np.random.default_rng(seed)

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator
 
 import numpy as np
 
 from vibraverse.learn.facts import identity
+from vibraverse.learn.judging import Judgement
+from vibraverse.learn.metrics import mcnemar
+
+#: The model that others are compared with, body by body.
+REFERENCE = "published"
 
 #: Columns of ``results.tsv``: type and meaning.
 COLUMNS: dict[str, tuple[type, str]] = {
@@ -31,8 +37,8 @@ COLUMNS: dict[str, tuple[type, str]] = {
 }
 
 
-def evaluation(options, model: str, rows: list[dict], training: dict, provenance: dict) -> dict:
-    """Return the evaluation of one model or baseline: what was asked, its rows, how it was made.
+def evaluation(options, model: str, found: Judgement, training: dict, provenance: dict) -> dict:
+    """Return the evaluation of one model or baseline: what was asked, how its answers were judged, how it was made.
 
     ``options`` are :class:`vibraverse.config.learn.RunOptions`, ``provenance`` is that of a job that read the features.
     """
@@ -41,7 +47,8 @@ def evaluation(options, model: str, rows: list[dict], training: dict, provenance
         "model": model,
         "split": options.split,
         "seed": options.seed,
-        "rows": rows,
+        "rows": found.rows,
+        "right": found.right,
         "training": training,
         "config_hash": identity(
             options.model_dump(mode="json", exclude={"seed", "split", "model"}) | {"model": model}
@@ -60,7 +67,33 @@ def table(evaluations: list[dict]) -> list[dict]:
             groups[one["task"], one["model"], split, row["side"], row["source"], row["measure"]].append(
                 (one, row)
             )
+    for one, row in _compared(evaluations):
+        split = one["split"].partition("-")[0]
+        groups[one["task"], one["model"], split, row["side"], row["source"], row["measure"]].append(
+            (one, row)
+        )
     return [_row(key, members) for key, members in sorted(groups.items())]
+
+
+def _compared(evaluations: list[dict]) -> Iterator[tuple[dict, dict]]:
+    """Yield rows that compare models with the published one on the same bodies, those of all folds together.
+
+    The value is McNemar's p. A seed is compared with the same seed of the published model.
+    """
+    right: dict[tuple, dict[str, bool]] = defaultdict(dict)
+    about: dict[tuple, dict] = {}
+    for one in evaluations:
+        for side, bodies in one["right"].items():
+            key = one["task"], one["split"].partition("-")[0], side, one["model"], one["seed"]
+            right[key] |= bodies
+            about.setdefault(key, one)
+    for (task, split, side, model, seed), bodies in right.items():
+        reference = right.get((task, split, side, REFERENCE, seed), {})
+        if model != REFERENCE and reference.keys() == bodies.keys():
+            pairs = np.array([(bodies[name], reference[name]) for name in sorted(bodies)], dtype=bool)
+            value = mcnemar(pairs[:, 0], pairs[:, 1])
+            row = {"side": side, "source": "all", "measure": f"p_against_{REFERENCE}", "value": value}
+            yield about[task, split, side, model, seed], {**row, "count": len(bodies)}
 
 
 def _row(key: tuple, members: list[tuple[dict, dict]]) -> dict:

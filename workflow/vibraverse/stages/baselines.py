@@ -17,7 +17,7 @@ def run(job: Job) -> None:
     made_of = job.provenance()
     about = {"preset": "", "hardware": processor(), "threads": job.threads}
     found = [
-        evaluation(options, name, rows, {**about, "minutes": seconds / 60}, made_of)
-        for name, seconds, rows in baselines(task)
+        evaluation(options, name, judgement, {**about, "minutes": seconds / 60}, made_of)
+        for name, seconds, judgement in baselines(task)
     ]
     job.write_record({"evaluations": found})

@@ -27,9 +27,9 @@ def run(job: Job) -> None:
         def predict(side: str, data) -> dict[str, np.ndarray]:
             return predictions(task, model, side, options.training, ranks, data=data)
 
-        answers, rows = judged(task, lambda side: task.answers(side, predict))
+        found = judged(task, lambda side: task.answers(side, predict))
     with open(job.outputs["answers"], "wb") as file:  # savez would add an ending to the name
-        np.savez(file, **answers)
+        np.savez(file, **found.answers)
     made = products.read_json(job.inputs["training"])
     metrics = made["metrics"]
     training = {
@@ -39,4 +39,4 @@ def run(job: Job) -> None:
         "hardware": metrics["hardware"]["gpu"] or metrics["hardware"]["cpu"],
         **{name: metrics[name] for name in ("steps", "parameters")},
     }
-    job.write_record(evaluation(options, options.model, rows, training, job.provenance()))
+    job.write_record(evaluation(options, options.model, found, training, job.provenance()))

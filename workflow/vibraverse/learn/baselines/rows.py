@@ -8,16 +8,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from vibraverse.learn.baselines import statistics
-from vibraverse.learn.judging import judged
+from vibraverse.learn.judging import Judgement, judged
 from vibraverse.learn.sides import TRAIN
 
 
-def baselines(task) -> Iterator[tuple[str, float, list[dict]]]:
-    """Yield name, seconds and rows of each baseline of a task."""
+def baselines(task) -> Iterator[tuple[str, float, Judgement]]:
+    """Yield name, seconds and judgement of each baseline of a task."""
     for name, answers in {"frequencies": _frequencies, "solidity": _solidity}[task.options.task](task):
         began = time.perf_counter()
-        _, rows = judged(task, answers)
-        yield name, time.perf_counter() - began, rows
+        found = judged(task, answers)
+        yield name, time.perf_counter() - began, found
 
 
 def _frequencies(task):

@@ -30,7 +30,7 @@ def task_at(features: Sequence[Path], splits: Path, options):
                 f"{splits} lacks the object {missing[0]}: features and splits are of different datasets; run the same "
                 "command again, which makes what is out of date"
             )
-        chosen = sides(samples, options.split, rows, options.folds, options.hold_out)
+        chosen = sides(samples, options.split, rows, options.folds, options.hold_out, options.leave_out)
     except TooFew as error:
         raise UsageError(f"learn: {error}") from None
     except ValueError as error:

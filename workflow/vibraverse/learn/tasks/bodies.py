@@ -74,6 +74,10 @@ class BodyTask(Task):
         """Return the names of a side's bodies."""
         return [self.samples.ids[body] for body in self.sides[split]]
 
+    def right(self, bodies: np.ndarray, answers: dict[str, np.ndarray]) -> np.ndarray | None:
+        """Return which answers about bodies (n,) are right (n,); None where answers are numbers."""
+        return None
+
     def seed(self, side: str) -> int | None:
         """Return the seed of what is drawn on a side: only training draws."""
         return self.options.seed if side == TRAIN else None

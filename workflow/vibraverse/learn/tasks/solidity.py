@@ -133,7 +133,11 @@ class Solidity(BodyTask):
 
     def judge(self, bodies: np.ndarray, answers: dict[str, np.ndarray]) -> list[dict]:
         """Return the measures of answers about bodies (n,), see :mod:`vibraverse.learn.judging`."""
-        return judge_solidity(self.samples, bodies, answers["hollow"])
+        return judge_solidity(self.samples, bodies, self.right(bodies, answers))
+
+    def right(self, bodies: np.ndarray, answers: dict[str, np.ndarray]) -> np.ndarray:
+        """Return which answers about bodies (n,) are right (n,)."""
+        return (answers["hollow"] > 0.5) == (self.samples.solidity[bodies] == "hollow")
 
 
 def _in_pairs(samples: Samples, bodies: np.ndarray) -> np.ndarray:
