@@ -163,10 +163,8 @@ class Learn(Section):
     features: Features = Features()
     """Arrays that training reads."""
 
-    tasks: list[Literal["frequencies", "solidity"]] = Field(
-        default_factory=lambda: ["frequencies", "solidity"], min_length=1
-    )
-    """Tasks to train."""
+    tasks: list[str] = Field(default_factory=lambda: list(MODELS), min_length=1)
+    """Tasks to train: ``frequencies``, ``solidity``."""
 
     frequencies: LearningTask = LearningTask()
     """Predict the frequencies of a body from its shape and material."""
@@ -185,7 +183,15 @@ class Learn(Section):
                 )
         return self
 
-    @field_validator("frequencies", "solidity")
+    @field_validator("tasks")
+    @classmethod
+    def _known_tasks(cls, tasks: list[str]):
+        for name in tasks:
+            if name not in MODELS:
+                raise ValueError(unknown("task", name, MODELS))
+        return tasks
+
+    @field_validator(*MODELS)
     @classmethod
     def _known_models(cls, task: LearningTask, info):
         for name in task.models:

@@ -14,7 +14,7 @@ from vibraverse.learn.sides import TRAIN
 
 def baselines(task) -> Iterator[tuple[str, float, Judgement]]:
     """Yield name, seconds and judgement of each baseline of a task."""
-    for name, answers in {"frequencies": _frequencies, "solidity": _solidity}[task.options.task](task):
+    for name, answers in _BASELINES.get(task.options.task, lambda task: ())(task):
         began = time.perf_counter()
         found = judged(task, answers)
         yield name, time.perf_counter() - began, found
@@ -101,3 +101,7 @@ def _solidity(task):
             return {"hollow": model.predict_proba(seen(side)[0])[:, 1]}
 
         yield name, answers
+
+
+#: Task -> function that yields name and answers of each baseline; a task may have none.
+_BASELINES = {"frequencies": _frequencies, "solidity": _solidity}

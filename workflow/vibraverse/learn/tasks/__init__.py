@@ -13,7 +13,10 @@ from vibraverse.learn.samples import Samples
 from vibraverse.learn.sides import TooFew, sides
 
 #: Task -> its class, imported when it is asked for.
-TASKS = {"frequencies": "frequencies:Frequencies", "solidity": "solidity:Solidity"}
+TASKS = {
+    "frequencies": "frequencies:Frequencies",
+    "solidity": "solidity:Solidity",
+}
 
 
 def task_at(features: Sequence[Path], splits: Path, options):
