@@ -1,6 +1,6 @@
 """Exact distance to a surface on a whole grid, a few times faster than point by point.
 
-Neighbouring points have nearly the same closest triangles. So the grid is halved along every axis, recursively. Each
+Neighbouring points have nearly the same closest triangles. So the grid is halved along every axis, again and again. Each
 block keeps the triangles that can be closest to any of its points: those whose distance from its centre exceeds the
 smallest one by at most the block's width. In the end a point has some dozen candidates of 13,000 triangles; for most of
 them the disc around the triangle suffices.
@@ -27,8 +27,7 @@ def grid_distance(
     discs, ids = np.empty((levels, 7, size)), np.empty((levels, size), np.int64)
     discs[0], ids[0] = _discs(corners), np.arange(size)
     squares = np.empty((len(x), len(y), len(z)))
-    block = np.array([0, len(x), 0, len(y), 0, len(z)])
-    _descend(0, size, block, x, y, z, tabulate(corners), discs, ids, np.empty(size), squares)
+    _descend(size, x, y, z, tabulate(corners), discs, ids, squares)
     return np.sqrt(squares)
 
 
@@ -46,8 +45,50 @@ def _discs(corners: np.ndarray) -> np.ndarray:
 
 
 @njit(cache=True, nogil=True)
-def _descend(level, count, block, x, y, z, table, discs, ids, bounds, squares):
-    """Fill the block of ``squares`` from the first ``count`` triangles of its level."""
+def _descend(size, x, y, z, table, discs, ids, squares):
+    """Fill ``squares`` from the ``size`` triangles of level 0: depth first, each block from those its parent kept.
+
+    Not recursive: Numba's cache of a recursive function can be read before it is whole, when two processes compile it
+    at the same time.
+    """
+    levels = len(discs)
+    blocks = np.empty((levels, 6), dtype=np.int64)
+    counts = np.empty(levels, dtype=np.int64)
+    octants = np.empty(levels, dtype=np.int64)
+    bounds = np.empty(size)
+    blocks[0] = np.array([0, len(x), 0, len(y), 0, len(z)])
+    counts[0] = size
+    octants[0] = -1
+    level = 0
+    while level >= 0:
+        block = blocks[level]
+        if octants[level] < 0:
+            kept = _select(level, counts[level], block, x, y, z, table, discs, ids, bounds, squares)
+            if kept == 0:
+                level -= 1
+                continue
+            counts[level + 1] = kept
+            octants[level] = 0
+        if octants[level] == 8:
+            level -= 1
+            continue
+        which = octants[level]
+        octants[level] += 1
+        part = blocks[level + 1]
+        part[0], part[1] = _half(block[0], block[1], which // 4)
+        part[2], part[3] = _half(block[2], block[3], which // 2 % 2)
+        part[4], part[5] = _half(block[4], block[5], which % 2)
+        if part[0] < part[1] and part[2] < part[3] and part[4] < part[5]:
+            level += 1
+            octants[level] = -1
+
+
+@njit(cache=True, nogil=True)
+def _select(level, count, block, x, y, z, table, discs, ids, bounds, squares):
+    """Copy the triangles that may be nearest within a block to the next level, and return how many there are.
+
+    A block of one point is filled instead; then none are.
+    """
     i0, i1, j0, j1, k0, k1 = block
     p0, p1, p2 = 0.5 * (x[i0] + x[i1 - 1]), 0.5 * (y[j0] + y[j1 - 1]), 0.5 * (z[k0] + z[k1 - 1])
     disc, own = discs[level], ids[level]
@@ -67,7 +108,7 @@ def _descend(level, count, block, x, y, z, table, discs, ids, bounds, squares):
             if bounds[i] < best * (1.0 + _ROUNDING_MARGIN):
                 best = min(best, nearest(p0, p1, p2, table, own[i])[2])
         squares[i0, j0, k0] = best
-        return
+        return 0
     width = 2.0 * np.sqrt((x[i1 - 1] - p0) ** 2 + (y[j1 - 1] - p1) ** 2 + (z[k1 - 1] - p2) ** 2)
     limit = (np.sqrt(best) + width) ** 2 * (1.0 + _ROUNDING_MARGIN)
     kept = 0
@@ -78,15 +119,7 @@ def _descend(level, count, block, x, y, z, table, discs, ids, bounds, squares):
                 below[row, kept] = disc[row, i]
             theirs[kept] = own[i]
             kept += 1
-    part = np.empty_like(block)
-    for half_x in range(2):
-        part[0], part[1] = _half(i0, i1, half_x)
-        for half_y in range(2):
-            part[2], part[3] = _half(j0, j1, half_y)
-            for half_z in range(2):
-                part[4], part[5] = _half(k0, k1, half_z)
-                if part[0] < part[1] and part[2] < part[3] and part[4] < part[5]:
-                    _descend(level + 1, kept, part, x, y, z, table, discs, ids, bounds, squares)
+    return kept
 
 
 @njit(cache=True, nogil=True)
