@@ -18,6 +18,7 @@ import sys
 import tempfile
 import tomllib
 from pathlib import Path
+from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -27,8 +28,8 @@ HOME = Path("/opt/vibraverse")
 OBJECT = "bar-0000"
 #: The cheapest body of the validation.
 KNOWN = "block"
-#: The family that includes all others.
-WORKSTATION = "workstation"
+#: The family that includes all others, and the one with PyTorch.
+WORKSTATION, LEARN = "workstation", "learn"
 
 #: Two boxes that intersect, to exercise the exact intersection tests of the cleaning.
 _CROSSED = """OFF
@@ -86,6 +87,14 @@ class Check:
                 "audio": {"max_s": 0.2},
                 "images": {"views": 1, "looks": ["clay"], "size_px": 64},
                 "dataset": {"shards": 1},
+                "learn": {
+                    "preset": "tiny",
+                    "seeds": [0],
+                    "splits": ["object"],
+                    "features": {"points": 512},
+                    "frequencies": {"models": ["ritz"], "training": {"steps": 3}},
+                    "solidity": {"models": ["informed"], "training": {"steps": 3}},
+                },
             }
         )
         self.ran: list[str] = []
@@ -97,10 +106,11 @@ class Check:
         return path
 
     def all_of(self, name: str) -> list[Path]:
-        """Return the paths of a pattern for every shard, or for the known body."""
-        return list(
-            dict.fromkeys(self.at(name, shard=shard, body=KNOWN) for shard in sorted(self.plan.shards))
-        )
+        """Return the paths of a pattern for every shard and training, or for the known body."""
+        named = [
+            {"shard": shard, **one} for shard in sorted(self.plan.shards) for one in self.plan.trainings()
+        ]
+        return list(dict.fromkeys(self.at(name, body=KNOWN, **wildcards) for wildcards in named))
 
     def jobs(self, step: Step) -> list[dict[str, str]]:
         """Return the wildcards of every job that a stage has."""
@@ -113,6 +123,8 @@ class Check:
             per.BODY: [{**one, "solidity": solidity} for one in objects for solidity in solidities],
             per.SHARD: [{"shard": shard} for shard in self.plan.shards],
             per.KNOWN_BODY: [{"body": KNOWN}],
+            per.TRAINING: self.plan.trainings(),
+            per.COMPARISON: [{"task": task, "split": "object"} for task in self.plan.config.learn.tasks],
         }.get(step.per, [{}])
 
     def run(self, step: Step, wildcards: dict[str, str]) -> None:
@@ -129,8 +141,7 @@ class Check:
         if "solidity" in wildcards:
             command += ["--solidity", wildcards["solidity"]]
         if step.options:
-            known = {"object_": wildcards.get("object", ""), "shard": wildcards.get("shard", "")}
-            command += ["--options", self.plan.options(step.name, **known)]
+            command += ["--options", self.options(step, wildcards)]
         for name, input_ in step.inputs.items():
             if not input_.pattern:
                 command += self.own_file(name, **wildcards)
@@ -149,6 +160,14 @@ class Check:
                 assert path.stat().st_size, f"{step.name}: {path} is empty"
                 assert not step.passes_refusals or read_refusal(path) is None, path.read_text()
         self.ran.append(step.name)
+
+    def options(self, step: Step, wildcards: dict[str, str]) -> str:
+        """Return the options of a job as the rules give them."""
+        if "task" in wildcards:
+            make = self.plan.training if "model" in wildcards else self.plan.comparison
+            return make(SimpleNamespace(**wildcards))
+        known = {"object_": wildcards.get("object", ""), "shard": wildcards.get("shard", "")}
+        return self.plan.options(step.name, **known)
 
     def own_file(self, name: str, object: str = "", **_: str) -> list:
         """Return the argument for a user's file, if the job has one."""
@@ -171,12 +190,18 @@ def in_order(steps: list[Step]) -> list[Step]:
 
 
 def stages(check: Check, family: str) -> None:
-    """Run every stage of a family, or of all for the workstation."""
+    """Run every stage of a family, or of all but learning for the workstation."""
     from vibraverse.flow.steps import STEPS
 
-    for step in in_order([step for step in STEPS if family in (step.family, WORKSTATION)]):
+    if family == LEARN:
+        open_for_training(check)
+    for step in in_order(
+        [s for s in STEPS if s.family == family or (family == WORKSTATION and s.family != LEARN)]
+    ):
         for wildcards in check.jobs(step):
             check.run(step, wildcards)
+        if step.name == "features":
+            bodies(check)
 
 
 # Products of other families' stages
@@ -297,26 +322,49 @@ BY_HAND = {
 }
 
 
-def learn(check: Check) -> None:
-    """Open a dataset with the reader for PyTorch, and train a network on a line, on a GPU if there is one."""
+def open_for_training(check: Check) -> None:
+    """Open a dataset with the reader for PyTorch."""
     import torch
 
     import vibraverse.dataset
 
     (shard,) = check.all_of("shard")
     packed(check, shard)
-    data = vibraverse.dataset.torch_dataset(shard)
-    assert isinstance(data, torch.utils.data.Dataset)
-    torch.manual_seed(0)
-    device = "cuda" if torch.cuda.is_available() else "cpu"
-    x = torch.linspace(-1, 1, 64, device=device)[:, None]
-    network = torch.nn.Linear(1, 1).to(device)
-    optimiser = torch.optim.SGD(network.parameters(), 0.5)
-    for _ in range(100):
-        optimiser.zero_grad()
-        torch.nn.functional.mse_loss(network(x), 3 * x + 1).backward()
-        optimiser.step()
-    assert abs(network.weight.item() - 3) + abs(network.bias.item() - 1) < 1e-3
+    assert isinstance(vibraverse.dataset.torch_dataset(shard), torch.utils.data.Dataset)
+
+
+def bodies(check: Check) -> None:
+    """Write features of twelve objects, both bodies, in place of the shard's, and their splits."""
+    import numpy as np
+
+    random = np.random.default_rng(0)
+    (folder,) = check.all_of("features")
+    objects = [f"bar-{number:04d}" for number in range(12)]
+    count, modes = 2 * len(objects), 8
+    steel = {"density_kg_m3": 7850.0, "young_pa": 2e11, "poisson": 0.25}
+    spectra = np.sort(random.normal(size=(count, 3, modes)), axis=-1).astype(np.float32)
+    arrays = {
+        "points": random.uniform(-0.9, 0.9, (count, 512, 6)).astype(np.float32),
+        "invariants": random.uniform(1, 2, (count, 5)).astype(np.float32),
+        "log_omega": spectra,
+        "ritz": spectra[:, :, None] + np.array([0.3, 0.2, 0.1], np.float32)[:, None],
+        "frequencies_hz": 1000 * np.exp(spectra[:, :1]).astype(float),
+        "volume_m3": np.full(count, 1e-4),
+        "size_m": np.full(count, 0.1),
+        "thickness": np.tile([np.nan, 0.5], len(objects)),
+        "object_row": np.repeat(np.arange(len(objects)), 2),
+        "views": random.integers(0, 256, (len(objects), 2, 64, 64, 3), dtype=np.uint8),
+    }
+    for name, array in arrays.items():
+        np.save(folder / f"{name}.npy", array)
+    both = {"object": np.repeat(objects, 2).tolist(), "solidity": ["solid", "hollow"] * len(objects)}
+    both |= {"origin": ["generated"] * count, "family": ["bar"] * count}
+    record = {"bodies": both, "objects": objects, "materials": {"steel": steel}}
+    record |= {"poisson": [0.1, 0.25, 0.4], "ritz_degrees": [4, 6, 8]}
+    (folder / "features.json").write_text(json.dumps(record))
+    sides = ["train"] * 8 + ["validation"] * 2 + ["test"] * 2
+    lines = [f"{one}\t{side}\t\n" for one, side in zip(objects, sides, strict=True)]
+    check.at("splits").write_text("".join(["object\tsplit\tcopy_of\n", *lines]))
 
 
 def packages(family: str) -> None:
@@ -344,7 +392,7 @@ def main(family: str) -> None:
     packages(family)
     with tempfile.TemporaryDirectory(prefix="vibraverse-check-") as folder:
         check = Check(Path(folder))
-        learn(check) if family == "learn" else stages(check, family)
+        stages(check, family)
     strangers = [found for found in from_elsewhere() if str(Path(__file__)) not in found]
     assert not strangers, f"not from the image: {strangers}"
     print(f"{family}: its stages run from the image alone")
