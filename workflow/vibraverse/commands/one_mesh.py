@@ -5,23 +5,27 @@ from __future__ import annotations
 import argparse
 import contextlib
 import importlib
+import importlib.metadata
 import io
 import sys
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
 from vibraverse.config import ConfigError, section, validate
 from vibraverse.config.geometry import Hollow, Tets
+from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
-from vibraverse.contract.errors import NotStored, Refused, UsageError
+from vibraverse.contract.errors import NotStored, NotThere, Refused, UsageError
 from vibraverse.contract.names import slug
 from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.stage import Job, run
+from vibraverse.contract.step import BODY
 from vibraverse.files import formats
 from vibraverse.flow.paths import Paths
+from vibraverse.flow.steps import BY_NAME
 from vibraverse.upkeep.lineage import Made, needed
 
 #: Configuration keys and the options that set them, for messages about mistakes.
@@ -98,7 +102,7 @@ class OneMesh:
 
     def needed(self, folder: Path, last: str) -> list[Made]:
         """Return the jobs that the stage ``last`` of the body needs, itself included; products lie in ``folder``."""
-        return needed(Paths(folder), self.object, self.solidity, last)
+        return needed(Paths(folder), self.object, self.solidity if BY_NAME[last].per == BODY else "", last)
 
     def at(self, folder: Path, pattern: str, **wildcards: str) -> Path:
         """Return the path of a product, by the name of its pattern."""
@@ -126,6 +130,22 @@ class OneMesh:
         refusal = read_refusal(made.record)
         if refusal is not None:
             raise Refused(refusal.reason, refusal.message, refusal.advice)
+
+
+def check_installed(command: str, stages: Iterable[str]) -> None:
+    """Raise :class:`NotThere` if this environment lacks packages that stages need."""
+    missing = []
+    for library in sorted({library for stage in stages for library in BY_NAME[stage].libraries}):
+        try:
+            importlib.metadata.version(library)
+        except importlib.metadata.PackageNotFoundError:
+            missing.append(library)
+    if missing:
+        raise NotThere(
+            f"{command} needs the Python packages {', '.join(missing)}, which this environment lacks; make one that "
+            "holds them with `envs/env.sh .venv-learn learn workstation` in the clone, and call "
+            f".venv-learn/bin/vibraverse {command}"
+        )
 
 
 @contextlib.contextmanager
@@ -191,3 +211,20 @@ def size_warnings(clean: dict, options: MaterialModes) -> list[str]:
     if origin != "default":
         return []
     return [f"size: the file states no unit; its longest side is taken as {size_m:g} m; give --size"]
+
+
+def sound_warnings(rendered: Mapping, modes: int, less_damping: str) -> list[str]:
+    """Return the warnings about the modes of a sound that are not heard, from the counts of its rendering."""
+    warnings = []
+    if rendered["modes_above_nyquist"]:
+        left_out = (
+            f"{rendered['modes_above_nyquist']} of {modes} modes are above half the sample rate "
+            f"({Audio().sample_rate_hz / 2:g} Hz) and left out"
+        )
+        silent = "" if rendered["modes_rendered"] else "silent, since "
+        warnings.append(f"audio: {silent}{left_out}; a larger --size lowers them")
+    if rendered["modes_overdamped"]:
+        warnings.append(
+            f"audio: {rendered['modes_overdamped']} of {modes} modes are overdamped and do not ring; {less_damping}"
+        )
+    return warnings

@@ -18,6 +18,7 @@ from vibraverse.commands.one_mesh import (
     check_writable,
     mesh_arguments,
     size_warnings,
+    sound_warnings,
     surface_warnings,
     work_folder,
 )
@@ -179,18 +180,7 @@ class _Strike:
             warnings.append(
                 f"modes: the estimated frequency error by the basis reaches {error.max():.1e} (at most {tolerance:.0e})"
             )
-        if rendered["modes_above_nyquist"]:
-            left_out = (
-                f"{rendered['modes_above_nyquist']} of {len(frequencies)} modes are above half the sample rate "
-                f"({Audio().sample_rate_hz / 2:g} Hz) and left out"
-            )
-            silent = "" if rendered["modes_rendered"] else "silent, since "
-            warnings.append(f"audio: {silent}{left_out}; a larger --size lowers them")
-        if rendered["modes_overdamped"]:
-            warnings.append(
-                f"audio: {rendered['modes_overdamped']} of {len(frequencies)} modes are overdamped and do not ring; "
-                "lower --alpha or --beta"
-            )
+        warnings += sound_warnings(rendered, len(frequencies), "lower --alpha or --beta")
         warnings += size_warnings(clean, self.mesh.options["modes"])
         return {
             "mesh": self.mesh.path.name,
