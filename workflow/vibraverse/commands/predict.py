@@ -214,7 +214,7 @@ def _material(text: str, named: Mapping[str, Mapping[str, float]]) -> Material:
     """Return a material by its name, or by its numbers."""
     if "," not in text:
         if text not in named:
-            raise UsageError(f"{unknown('material', text, named)}, or numbers such as 7.2e10,2700,0.19")
+            raise UsageError(unknown("material", text, named))
         return validate(Material, dict(named[text]))
     try:
         numbers = [float(part) for part in text.split(",")]

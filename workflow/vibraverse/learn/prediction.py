@@ -53,7 +53,7 @@ class Predictor:
         if products.sha256(path) != self.trained.sha256:
             raise UsageError(
                 f"{path} is not the file that its training wrote: it is damaged, or belongs to another one; copy the "
-                "whole folder again, or train anew"
+                "whole folder again, or train anew with `snakemake learn`"
             )
         model = task.model()
         try:
@@ -61,8 +61,8 @@ class Predictor:
         except (RuntimeError, LookupError, pickle.UnpicklingError):
             wrote = self.trained.record["provenance"]["vibraverse"]
             raise UsageError(
-                f"{path} does not fit the network of vibraverse {__version__} ({wrote} wrote it); train anew, or use "
-                "that version"
+                f"{path} does not fit the network of vibraverse {__version__} ({wrote} wrote it); install that "
+                "version, or train anew with `snakemake learn`"
             ) from None
         return model
 
