@@ -186,6 +186,21 @@ def test_several_materials_and_their_sounds(here, vibraverse):
     assert spectrum[peaks].argmax() == 0  # amplitudes fall with the frequency
 
 
+def test_a_hollow_body_is_hollowed_first(here, vibraverse):
+    status, _, err = vibraverse(
+        "predict", "mug.obj", "--size", 0.2, "--hollow", 0.5, "--material", "steel", "--json", "found.json"
+    )
+    assert status == 0, err
+    facts = json.loads((here / "found.json").read_text())
+    assert facts["solidity"] == "hollow"
+    full = 0.2**3 * 0.6 * 0.3
+    assert 0.5 * full < facts["volume_m3"] < 0.95 * full
+    steel = facts["materials"]["steel"]
+    bars = error_bars(read(here / PHYSICS), "hollow")
+    np.testing.assert_allclose(steel["low_hz"], bars.low * steel["frequencies_hz"])
+    assert (bars.low != error_bars(read(here / PHYSICS), "solid").low).all()
+
+
 def test_the_best_model_of_the_results_is_taken(here, vibraverse):
     """Those trained on all families go before the others, whatever their validation says."""
     for split, median in (("object", 0.5), ("family-0", 0.001)):
