@@ -193,13 +193,12 @@ def stages(check: Check, family: str) -> None:
     """Run every stage of a family, or of all but learning for the workstation."""
     from vibraverse.flow.steps import STEPS
 
-    if family == LEARN:
-        open_for_training(check)
     families = {step.family for step in STEPS} - {LEARN} if family == WORKSTATION else {family}
     for step in in_order([step for step in STEPS if step.family in families]):
         for wildcards in check.jobs(step):
             check.run(step, wildcards)
         if step.name == "features":
+            open_for_training(check)
             bodies(check)
 
 
@@ -245,7 +244,8 @@ def comparison(check: Check, path: Path) -> None:
     reference = {"mode": "1", "equal": 1, "poisson": 0.3, "reference_hz": 1000.0, "tolerance": 0.1}
     about = {"order": 2, "corrected": "no", "verdict": "met", "published": False, "source": "made up"}
     rows = [
-        {"body": KNOWN, **reference, "computed_hz": 1000 * (1 + error), "relative_error": error, **about, "tetrahedra": unknowns // 3, "unknowns": unknowns}
+        {"body": KNOWN, **reference, "computed_hz": 1000 * (1 + error), "relative_error": error, **about,
+         "tetrahedra": unknowns // 3, "unknowns": unknowns}
         for unknowns, error in ((300, 0.01), (3000, 0.001))
     ]  # fmt: skip
     path.write_text(json.dumps({"body": KNOWN, "rows": rows}))
@@ -327,7 +327,6 @@ def open_for_training(check: Check) -> None:
     import vibraverse.dataset
 
     (shard,) = check.all_of("shard")
-    packed(check, shard)
     assert isinstance(vibraverse.dataset.torch_dataset(shard), torch.utils.data.Dataset)
 
 

@@ -33,6 +33,7 @@ CANNOT = {
     r"snakemake --sdm conda …": "takes Conda",
     r"vibraverse gpus --claim$": "names an option; the whole commands stand in docs/gpu.md",
     r"python docs/images/": "draws for minutes",
+    r"vibraverse predict ": "takes PyTorch and a trained model; tests/learn/test_predict.py runs it",
 }
 #: Blocks without a language that hold no commands, by how they begin, and what they are.
 NO_COMMANDS = {

@@ -21,7 +21,6 @@ from vibraverse.physics.damping import rayleigh_damping
 from vibraverse.physics.materials import MATERIALS, sampled
 from vibraverse.physics.modes import departure, solve_material
 from vibraverse.physics.shapes import mode_shapes
-from vibraverse.stages.modes import object_size
 
 
 @pytest.fixture(scope="module")
@@ -294,7 +293,7 @@ def test_configured_size_wins(chain):
 )
 def test_every_size_says_who_stated_it(options, record, expected):
     materials = {"tin": MATERIALS["tin"]}
-    assert object_size(MaterialModes(materials=materials, **options), record) == expected
+    assert MaterialModes(materials=materials, **options).object_size(record) == expected
 
 
 @pytest.mark.parametrize(

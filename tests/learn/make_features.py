@@ -15,8 +15,7 @@ import trimesh
 from vibraverse.config.learn import Features
 from vibraverse.contract import products
 from vibraverse.contract.seeds import rng
-from vibraverse.learn.features import sample_surface
-from vibraverse.learn.invariants import invariants
+from vibraverse.learn.features import shape_arrays
 from vibraverse.learn.scaling import unit_hz
 
 MATERIALS = {
@@ -24,12 +23,22 @@ MATERIALS = {
     "wood": {"density_kg_m3": 750.0, "young_pa": 1.1e10, "poisson": 0.25},
 }
 MODES = 24
-OPTIONS = Features(points=512, poisson_nodes=5, view_px=32)
+OPTIONS = Features(points=512, poisson_nodes=5, ritz_degrees=[2, 3], view_px=32)
 
 
 def sides_of(object_: str) -> np.ndarray:
     """Return the three sides (3,) of an object's box, longest first, 1.8 at most."""
     return np.sort(rng(object_, "sides").uniform(0.4, 1.8, size=3))[::-1] / 1.0
+
+
+def mesh_of(object_: str) -> trimesh.Trimesh:
+    """Return the surface of an object's bodies."""
+    return trimesh.creation.box(sides_of(object_)).subdivide()
+
+
+def volume_of(object_: str) -> float:
+    """Return the volume of an object's bodies in m³."""
+    return 0.02 * float(np.prod(sides_of(object_))) / 1.8**3
 
 
 def log_omega(sides: np.ndarray, solidity: str, poisson: np.ndarray) -> np.ndarray:
@@ -38,12 +47,6 @@ def log_omega(sides: np.ndarray, solidity: str, poisson: np.ndarray) -> np.ndarr
     waves = np.sort(np.linalg.norm(np.pi * numbers / sides, axis=1) * np.cbrt(np.prod(sides)))[:MODES]
     waves = waves * (np.linspace(0.6, 1.2, MODES) if solidity == "hollow" else 1.0)
     return np.log(waves) + 0.1 * (0.25 - poisson)[:, None]
-
-
-def above(object_: str, solidity: str) -> np.ndarray:
-    """Return how far the polynomial Ritz frequencies of a body are above the true ones: logarithms (3, m)."""
-    error = rng(object_, solidity, "above").uniform(0.05, 0.2) * np.linspace(0.5, 1.5, MODES)
-    return np.array([[4.0], [2.0], [1.0]]) * error
 
 
 def write(
@@ -56,20 +59,17 @@ def write(
     rows: dict[str, list] = {}
     for object_, solidity in bodies:
         sides = sides_of(object_)
-        mesh = trimesh.creation.box(sides).subdivide()
+        mesh = mesh_of(object_)
         values = log_omega(sides, solidity, poisson)
         at = np.array(
             [[np.interp(one["poisson"], poisson, mode) for mode in values.T] for one in MATERIALS.values()]
         )
         stiff = [[one[name] for one in MATERIALS.values()] for name in ("young_pa", "density_kg_m3")]
-        volume = 0.02 * np.prod(sides) / 1.8**3
         for name, value in {
-            "points": sample_surface(mesh.vertices, mesh.faces, options.points, rng(object_, solidity)),
-            "invariants": invariants(mesh.vertices, mesh.faces).astype(np.float32),
+            **shape_arrays(mesh.vertices, mesh.faces, object_, solidity, MODES, options),
             "log_omega": values.astype(np.float32),
-            "frequencies_hz": np.exp(at) * unit_hz(volume, *map(np.array, stiff))[:, None],
-            "ritz": (values[:, None] + above(object_, solidity)).astype(np.float32),
-            "volume_m3": volume,
+            "frequencies_hz": np.exp(at) * unit_hz(volume_of(object_), *map(np.array, stiff))[:, None],
+            "volume_m3": volume_of(object_),
             "size_m": 0.1,
             "thickness": rng(object_, "t").uniform(0.3, 0.7) if solidity == "hollow" else np.nan,
             "object_row": objects.index(object_),
@@ -93,7 +93,7 @@ def write(
         "objects": objects,
         "materials": MATERIALS,
         "poisson": poisson.tolist(),
-        "ritz_degrees": [4, 6, 8],
+        "ritz_degrees": options.ritz_degrees,
     }
     products.write_text(folder / "features.json", json.dumps(record))
     return folder

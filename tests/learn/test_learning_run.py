@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import time
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed (it belongs to the learning environment)")
@@ -95,6 +97,25 @@ def test_the_table_compares_models_with_baselines(learnt):
         row["model"]: row["value"] for row in rows if (row["source"], row["measure"]) == ("all", "median")
     }
     assert medians["mean spectrum"] < medians["training mean"]
+
+
+def test_a_prediction_for_a_file_is_the_answer_about_the_object(learnt, tmp_path, monkeypatch, vibraverse):
+    """But for the volume: that of the surface here, that of the tetrahedra in the dataset."""
+    paths = Paths()
+    with np.load(learnt.folder / paths.at(paths.answers, **TRAINING)) as answers:
+        row = next(row for row, body in enumerate(answers["test/body"]) if body.endswith(" solid"))
+        object_, expected = answers["test/body"][row].split()[0], answers["test/found_hz"][row]
+    monkeypatch.chdir(learnt.folder)
+    mesh = shutil.copy(paths.at(paths.source_mesh, object=object_), tmp_path / f"{object_}.ply")
+    size_m = products.read_json(paths.at(paths.clean_record, object=object_))["size_m"]
+    status, _, err = vibraverse(
+        "predict", mesh, "--size", size_m, "--material", "steel", "wood", "--json", tmp_path / "found.json"
+    )
+    assert status == 0, err
+    rows = products.read_json(tmp_path / "found.json")["materials"]
+    ratio = np.array([row["frequencies_hz"] for row in rows.values()]) / expected
+    np.testing.assert_allclose(ratio, ratio[0, 0], rtol=1e-5)
+    assert ratio[0, 0] == pytest.approx(1, abs=0.01)
 
 
 def test_nothing_is_left_to_do_and_a_new_seed_trains_alone(learnt):

@@ -52,9 +52,11 @@ def trained(data, tmp_path, asked):
 )
 def test_a_model_overfits_eight_samples(data, tmp_path, task, model, monkeypatch):
     """A network that cannot repeat eight bodies is built wrong; a control cannot, if it sees nothing that differs."""
-    steps, rate = {"frequencies published": (200, 1e-3), "frequencies physics": (60, 3e-3)}.get(
-        f"{task} {model}", (120, 3e-3)
-    )
+    steps, rate = {
+        "frequencies published": (200, 1e-3),
+        "frequencies physics": (60, 3e-3),
+        "frequencies ritz": (200, 3e-3),
+    }.get(f"{task} {model}", (120, 3e-3))
     asked = options(task, model, steps=steps, batch_size=8, learning_rate=rate, validate_every=0)
     made = task_at(*data, asked)
     eight = made.sides["train"][:8]

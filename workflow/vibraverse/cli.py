@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 #: Subcommands for people: name -> one line of help. The module is ``vibraverse.commands.<name>``.
 COMMANDS = {
     "strike": "hear a mesh: from a file to its impact sound in one go",
+    "predict": "ask a trained model for the frequencies of a mesh, with error bars",
     "objects": "list the objects a configuration names",
     "materials": "list the known materials",
     "export": "write the dataset as WebDataset tars or for Hugging Face datasets",

@@ -153,3 +153,11 @@ class MaterialModes(Modes):
 
     modes: PositiveInt = 64
     """Number of elastic modes kept."""
+
+    def object_size(self, clean_record: dict) -> tuple[float, str]:
+        """Return the longest side in metres and its origin: the configuration, else the source, else the default."""
+        if self.size_m:
+            return self.size_m, self.size_origin or "configuration"
+        if clean_record.get("size_m"):
+            return clean_record["size_m"], clean_record.get("size_origin") or "source"
+        return self.default_size_m, "default"

@@ -37,7 +37,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="train",
-        version=2,
+        version=2,  # 2: the record says how the features were made
         help="train one model of a benchmark task",
         per=TRAINING,
         family="learn",

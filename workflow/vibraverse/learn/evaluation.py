@@ -128,6 +128,14 @@ def evaluate(
         return task.score(found), found
 
 
+def answers(task, model: torch.nn.Module, side: str, options: Training) -> dict[str, np.ndarray]:
+    """Return the answers of a trained network about the bodies of a side, as its task gives them; on the CPU."""
+    with joined("cpu") as ranks:
+        return task.answers(
+            side, lambda name, data: predictions(task, model, name, options, ranks, data=data)
+        )
+
+
 def _predict(task: Task, model, batch: Any, count: int, options: Training, ranks: Ranks) -> dict:
     """Return the predictions of one batch as arrays of ``count`` rows each."""
     batch = task.prepare(batch, ranks.device)

@@ -121,16 +121,29 @@ def _body(reader: Reader, object_: str, solidity: str, materials: list[str], poi
     frequencies = np.stack([reader.read("frequencies_hz", **place, material=name) for name in materials])
     cavity = reader.read("hollow", **place) if solidity == "hollow" else {"t": np.nan}
     return {
-        "points": sample_surface(vertices, faces, options.points, rng(object_, solidity, "points")),
-        "invariants": invariants(vertices, faces).astype(np.float32),
-        "ritz": ritz_spectra(vertices, faces, poisson, options.ritz_degrees, frequencies.shape[1]).astype(
-            np.float32
-        ),
+        **shape_arrays(vertices, faces, object_, solidity, frequencies.shape[1], options),
         "log_omega": spectrum(basis, poisson, frequencies.shape[1]).astype(np.float32),
         "frequencies_hz": frequencies,
         "volume_m3": np.float64(reader.read("volume_m3", **place, material=materials[0])),
         "size_m": np.float64(reader.read("size_m", **place)),
         "thickness": np.float64(cavity["t"]),
+    }
+
+
+def shape_arrays(
+    vertices: np.ndarray, faces: np.ndarray, object_: str, solidity: str, modes: int, options
+) -> dict[str, np.ndarray]:
+    """Return the rows of a body in the arrays that follow from its closed surface, without a simulation.
+
+    ``options`` are :class:`vibraverse.config.learn.Features`. What is random follows from the object's id and the
+    solidity.
+    """
+    poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
+    ritz = ritz_spectra(vertices, faces, poisson, options.ritz_degrees, modes)
+    return {
+        "ritz": ritz.astype(np.float32),
+        "points": sample_surface(vertices, faces, options.points, rng(object_, solidity, "points")),
+        "invariants": invariants(vertices, faces).astype(np.float32),
     }
 
 

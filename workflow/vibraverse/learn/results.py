@@ -50,12 +50,16 @@ def evaluation(options, model: str, found: Judgement, training: dict, provenance
         "rows": found.rows,
         "right": found.right,
         "training": training,
-        "config_hash": identity(
-            options.model_dump(mode="json", exclude={"seed", "split", "model"}) | {"model": model}
-        ),
+        "config_hash": config_hash(options, model),
         "data_sha256": identity(provenance["input_sha256"]["features"]),
         "version": provenance["vibraverse"],
     }
+
+
+def config_hash(options, model: str) -> str:
+    """Return the hash of what the trainings of a model have in common, whatever their seed and split."""
+    common = options.model_dump(mode="json", exclude={"seed", "split", "model"})
+    return identity(common | {"model": model})
 
 
 def table(evaluations: list[dict]) -> list[dict]:

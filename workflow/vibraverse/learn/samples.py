@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -12,6 +13,18 @@ from vibraverse.contract.products import read_json
 
 #: Name of the record in a folder of features.
 RECORD = "features.json"
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What the features of a training were like: points of a body, modes of a spectrum, Poisson's ratios, materials."""
+
+    points: int
+    modes: int
+    poisson_range: tuple[float, float]
+    poisson_nodes: int
+    ritz_degrees: list[int]
+    materials: dict[str, dict[str, float]]
 
 
 class Samples:
@@ -69,6 +82,18 @@ class Samples:
         chosen = range(len(self)) if bodies is None else bodies
         return np.stack([self.row(name, int(body)) for body in chosen])
 
+    def layout(self) -> Layout:
+        """Return what the features of another body must be like for a network of these samples."""
+        ratios, modes = self.poisson.tolist(), self.row("log_omega", 0).shape[-1]
+        return Layout(
+            points=len(self.row("points", 0)),
+            modes=modes,
+            poisson_range=(ratios[0], ratios[-1]),
+            poisson_nodes=len(ratios),
+            ritz_degrees=self.ritz_degrees,
+            materials=self.materials,
+        )
+
     @cached_property
     def ids(self) -> list[str]:
         """The bodies' names for messages: ``mug-0003 hollow``."""
@@ -78,6 +103,34 @@ class Samples:
         if name not in self._maps:
             self._maps[name] = [np.load(folder / f"{name}.npy", mmap_mode="r") for folder in self.folders]
         return self._maps[name]
+
+
+class Unsimulated(Samples):
+    """One body without a simulation: what follows from its shape, and not a number where a frequency would be.
+
+    ``shape`` are its rows of :func:`vibraverse.learn.features.shape_arrays`.
+    """
+
+    def __init__(
+        self,
+        shape: Mapping[str, np.ndarray],
+        volume_m3: float,
+        layout: Layout,
+        materials: Mapping[str, Mapping],
+    ):
+        self.materials, self.ritz_degrees = dict(materials), layout.ritz_degrees
+        self.poisson = np.linspace(*layout.poisson_range, layout.poisson_nodes)
+        self.object = self.solidity = self.origin = self.family = np.array([""])
+        self._rows = {
+            **shape,
+            "volume_m3": np.float64(volume_m3),
+            "log_omega": np.full((layout.poisson_nodes, layout.modes), np.nan, dtype=np.float32),
+            "frequencies_hz": np.full((len(materials), layout.modes), np.nan),
+        }
+
+    def row(self, name: str, body: int) -> np.ndarray:
+        """Return the body's row of an array."""
+        return self._rows[name]
 
 
 def at(results: str | Path) -> Samples:

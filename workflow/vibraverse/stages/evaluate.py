@@ -11,9 +11,8 @@ def run(job: Job) -> None:
     import numpy as np
     import torch
 
-    from vibraverse.learn.evaluation import predictions
+    from vibraverse.learn.evaluation import answers
     from vibraverse.learn.judging import judged
-    from vibraverse.learn.ranks import joined
     from vibraverse.learn.results import evaluation
     from vibraverse.learn.tasks import task_at
 
@@ -22,12 +21,7 @@ def run(job: Job) -> None:
     task = task_at(job.inputs["features"], job.inputs["splits"], options)
     model = task.model()
     model.load_state_dict(torch.load(job.inputs["model"], weights_only=True)["best"])
-    with joined("cpu") as ranks:
-
-        def predict(side: str, data) -> dict[str, np.ndarray]:
-            return predictions(task, model, side, options.training, ranks, data=data)
-
-        found = judged(task, lambda side: task.answers(side, predict))
+    found = judged(task, lambda side: answers(task, model, side, options.training))
     with open(job.outputs["answers"], "wb") as file:  # savez would add an ending to the name
         np.savez(file, **found.answers)
     made = products.read_json(job.inputs["training"])

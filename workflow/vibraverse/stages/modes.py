@@ -6,7 +6,6 @@ its Poisson's ratio lies outside the range), the material is solved on the mesh,
 
 from __future__ import annotations
 
-from vibraverse.config.physics import MaterialModes
 from vibraverse.contract.products import hdf5, read_json, write_provenance
 from vibraverse.contract.stage import Job
 from vibraverse.geometry import LONGEST_SIDE
@@ -34,15 +33,6 @@ SAMPLED_UNITS = {
 }
 
 
-def object_size(options: MaterialModes, clean_record: dict) -> tuple[float, str]:
-    """Return the longest side in metres and its origin: the configuration, else the source, else the default."""
-    if options.size_m:
-        return options.size_m, options.size_origin or "configuration"
-    if clean_record.get("size_m"):
-        return clean_record["size_m"], clean_record.get("size_origin") or "source"
-    return options.default_size_m, "default"
-
-
 def run(job: Job) -> None:
     """Solve every material of one body."""
     import h5py
@@ -51,7 +41,7 @@ def run(job: Job) -> None:
     from vibraverse.physics.breakdown import refused_breakdown
     from vibraverse.physics.shapes import mode_shapes
 
-    size_m, size_origin = object_size(job.options, read_json(job.inputs["clean_record"]))
+    size_m, size_origin = job.options.object_size(read_json(job.inputs["clean_record"]))
     scale_m = size_m / LONGEST_SIDE
     with h5py.File(job.inputs["basis"]) as h5:
         basis = read_basis(h5, surface=False)

@@ -10,6 +10,8 @@ from vibraverse.contract.stage import Job
 
 def run(job: Job) -> None:
     """Train, and write the weights, the curves and how it went."""
+    from dataclasses import asdict
+
     import torch
 
     from vibraverse.learn.curves import write_csv
@@ -31,4 +33,5 @@ def run(job: Job) -> None:
     torch.save(weights, job.outputs["model"])
     write_csv(job.outputs["curves"], trained.curves)
     sizes = {name: len(bodies) for name, bodies in task.sides.items()}
-    job.write_record({"metrics": trained.metrics, "bodies": sizes, "threads": job.threads})
+    record = {"metrics": trained.metrics, "bodies": sizes, "threads": job.threads}
+    job.write_record({**record, "features": asdict(task.samples.layout())})

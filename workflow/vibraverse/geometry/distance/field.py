@@ -1,9 +1,9 @@
 """Exact distance to a surface on a whole grid, a few times faster than point by point.
 
-Neighbouring points have nearly the same closest triangles. So the grid is halved along every axis, again and again. Each
-block keeps the triangles that can be closest to any of its points: those whose distance from its centre exceeds the
-smallest one by at most the block's width. In the end a point has some dozen candidates of 13,000 triangles; for most of
-them the disc around the triangle suffices.
+Neighbouring points have nearly the same closest triangles. So the grid is halved along every axis, again and again.
+Each block keeps the triangles that can be closest to any of its points: those whose distance from its centre exceeds
+the smallest one by at most the block's width. In the end a point has some dozen candidates of 13,000 triangles; for
+most of them the disc around the triangle suffices.
 """
 
 from __future__ import annotations

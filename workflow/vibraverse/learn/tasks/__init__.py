@@ -38,6 +38,11 @@ def task_at(features: Sequence[Path], splits: Path, options):
         raise UsageError(f"learn: {error}") from None
     except ValueError as error:
         raise UsageError(f"{splits}: {error}") from None
+    return task_of(samples, chosen, options)
+
+
+def task_of(samples: Samples, chosen: dict, options):
+    """Return the task of the options over samples, with the bodies that are chosen for each side."""
     module, _, name = TASKS[options.task].partition(":")
     return getattr(importlib.import_module(f"vibraverse.learn.tasks.{module}"), name)(
         samples, chosen, options

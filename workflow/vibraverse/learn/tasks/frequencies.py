@@ -134,6 +134,11 @@ class Frequencies(BodyTask):
         super().__init__(samples, sides, options)
         self._published = options.model == "published"
 
+    @property
+    def exact(self) -> bool:
+        """Whether Young's modulus, density and size enter exactly, so that any will do."""
+        return not self._published
+
     def model(self) -> nn.Module:
         """Return the model of the options, untrained."""
         train = self.sides[TRAIN]
