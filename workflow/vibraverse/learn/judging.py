@@ -17,7 +17,7 @@ from vibraverse.learn.scaling import scaled
 from vibraverse.learn.sides import HELD_OUT, TEST
 
 #: Bounds of the thickness t by which bodies are looked at.
-_THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
+THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
 
 
 def judged(task, answers: Callable[[str], dict[str, np.ndarray]]) -> tuple[dict[str, np.ndarray], list[dict]]:
@@ -81,6 +81,6 @@ def _sources(samples: Samples, bodies: np.ndarray) -> dict[str, np.ndarray]:
     masks |= {f"origin {name}": origin == name for name in sorted(set(origin))}
     masks |= {name: solidity == name for name in ("solid", "hollow")}
     masks |= {
-        f"t {low:g}-{high:g}": (thickness >= low) & (thickness < high) for low, high in pairwise(_THICKNESS)
+        f"t {low:g}-{high:g}": (thickness >= low) & (thickness < high) for low, high in pairwise(THICKNESS)
     }
     return {name: mask for name, mask in masks.items() if mask.any()}
