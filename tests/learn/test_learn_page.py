@@ -29,6 +29,8 @@ from vibraverse.report.learning.trained import Trained, errors_by_mode  # noqa: 
 pytestmark = pytest.mark.learn
 #: Elements without an end, in HTML.
 VOID = {"meta", "link", "input", "img", "br", "hr"}
+#: Bodies that the pages of these tests play: few, for speed.
+BODIES = 2
 TOY = "a toy run: shows that all works and nothing else"
 
 
@@ -84,8 +86,15 @@ class Page(HTMLParser):
         return [values[attribute] for _, values in self.tags if attribute in values]
 
 
+@pytest.fixture(scope="module", autouse=True)
+def few_bodies():
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(page_of_learning, "BODIES", BODIES)
+        yield
+
+
 @pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Made:
+def made(few_bodies, tmp_path_factory) -> Made:
     """Results of everything, with their page."""
     made = full(tmp_path_factory.mktemp("page"))
     made.write()
@@ -109,9 +118,8 @@ def browser(made, tmp_path_factory):
 
 
 @pytest.fixture
-def small(tmp_path, monkeypatch) -> Made:
-    """The page of a single model, which plays one body."""
-    monkeypatch.setattr(page_of_learning, "BODIES", 1)
+def small(tmp_path) -> Made:
+    """The page of a single model."""
     made = Made(tmp_path).data(OBJECTS).train("frequencies", "physics")
     made.write()
     return made
@@ -209,7 +217,7 @@ def test_the_page_is_well_formed_and_its_links_resolve(made, page):
     ids = page.all("id")
     assert len(ids) == len(set(ids))
     targets = [*page.all("href"), *page.all("src"), *page.all("xlink:href")]
-    assert len(targets) > 30
+    assert len(targets) > 20
     for target in targets:
         if target.startswith("#"):
             assert target[1:] in ids, target
@@ -222,7 +230,7 @@ def test_the_page_is_well_formed_and_its_links_resolve(made, page):
 
 def test_pictures_have_texts(page):
     pictures = [values for tag, values in page.tags if tag == "img" or values.get("class") == "plot"]
-    assert len(pictures) > 30
+    assert len(pictures) > 15
     assert all(len(values.get("alt") or values.get("aria-label")) > 20 for values in pictures)
     assert sum(tag == "svg" and "viewbox" in values for tag, values in page.tags) == len(
         page.all("role")
@@ -246,7 +254,7 @@ def test_each_player_sounds_the_frequencies_of_its_answers(made, page):
     labels = [label.removeprefix("Play ") for label in page.all("aria-label") if label.startswith("Play ")]
     sounds = [target for target in page.all("src") if target.endswith(".flac")]
     materials = [alt.rpartition(", ")[2] for alt in page.all("alt")]
-    assert len(labels) == len(sounds) == len(materials) == 6 * 4
+    assert len(labels) == len(sounds) == len(materials) == BODIES * 4
     checked = 0
     for label, place, material in zip(labels, sounds, materials, strict=True):
         name, _, body = label.partition(", ")
@@ -262,7 +270,7 @@ def test_each_player_sounds_the_frequencies_of_its_answers(made, page):
         peaks = np.fft.rfftfreq(4 * rate, 1 / rate)[find_peaks(spectrum, height=spectrum.max() / 20)[0]]
         assert np.abs(peaks - hz.min()).min() < 12, (label, hz.min(), peaks)
         checked += 1
-    assert checked == 18
+    assert checked == 3 * BODIES
 
 
 def test_only_frequencies_differ_between_sounds():
@@ -398,7 +406,7 @@ def test_results_that_lack_something_have_a_page(tmp_path, what):
     if what == "one model":
         assert {task for task, *_ in page.sides} == {"frequencies", "solidity"}
         assert "The published network was not trained in this run." in text
-        assert text.count("<audio") == 6 * 3
+        assert text.count("<audio") == BODIES * 3
     elif what == "one task":
         assert {task for task, *_ in page.sides} == {"solidity"}
         assert "Accuracy by wall thickness" in text
@@ -406,7 +414,7 @@ def test_results_that_lack_something_have_a_page(tmp_path, what):
     else:
         assert {split for _, split, _ in page.sides} == {"family"}
         assert "split family-1" in text
-        assert text.count("<audio") == 6 * 4  # frequencies below zero are left out
+        assert text.count("<audio") == BODIES * 4  # frequencies below zero are left out
 
 
 def test_names_are_texts(tmp_path):
@@ -468,7 +476,7 @@ def test_in_a_browser_all_loads_and_nothing_overflows(browser, made):
         ]).then(done);
         """
     )
-    assert loaded == [True] * 48
+    assert loaded == [True] * (BODIES * 4 * 2)
     playing = browser.execute_async_script(
         """
         const done = arguments[0], players = document.querySelectorAll(".player");
@@ -495,6 +503,6 @@ def test_in_a_browser_all_loads_and_nothing_overflows(browser, made):
         for event in events
         if event["method"] == "Network.requestWillBeSent"
     ]
-    assert len(asked) > 40
+    assert len(asked) > 15
     assert [url for url in asked if not url.startswith(("file://", "data:"))] == []
     assert browser.get_log("browser") == []
