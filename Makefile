@@ -46,7 +46,7 @@ learn-demo:  ## make a small dataset and train every model of the benchmark task
 	@envs/env.sh '$(LEARN)' learn workstation
 	@PATH="$$(realpath '$(LEARN)')/bin:$$PATH" snakemake learn --cores $(CORES) --configfile examples/learn.yaml \
 		--workflow-profile workflow/profiles/default
-	@echo "The table: $(CURDIR)/results-learn/learn/results.tsv"
+	@echo "The page: file://$(CURDIR)/results-learn/learn/index.html"
 
 learn:  ## make or update .venv-learn, the environment with torch
 	@envs/env.sh '$(LEARN)' learn

@@ -1,8 +1,8 @@
 """Run a family's stages on tiny inputs, with the image's own content only: ``check.py FAMILY``.
 
-Stages, inputs and products come from ``flow/steps.py``; products of other families' stages are written by hand. An
-image holds only its family's packages, so this script needs no others: it calls the library directly where a stage
-would need more.
+Stages, inputs and products come from ``flow/steps.py``; products of other families' stages are written by hand
+(``by_hand.py``). An image holds only its family's packages, so these scripts need no others: they call the library
+directly where a stage would need more.
 
 A build runs it twice: while the image is writable, so that every compiled loop is stored in it, and afterwards as the
 image's test. It needs no network and writes only to a temporary folder.
@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.metadata
-import json
 import re
 import sys
 import tempfile
@@ -21,13 +20,12 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING
 
+import by_hand
+
 if TYPE_CHECKING:
     from vibraverse.contract.step import Step
 
 HOME = Path("/opt/vibraverse")
-OBJECT = "bar-0000"
-#: The cheapest body of the validation.
-KNOWN = "block"
 #: The family that includes all others, and the one with PyTorch.
 WORKSTATION, LEARN = "workstation", "learn"
 
@@ -50,20 +48,6 @@ def crossed() -> str:
         vertices="\n".join("{} {} {}".format(*p) for p in corners + moved),
         faces="\n".join("3 {} {} {}".format(*f) for f in faces + turned),
     )
-
-
-def box(cells: int = 1) -> tuple:
-    """Return points (N, 3) and tetrahedra (6 cells³, 4) of a box with this many cells along each side."""
-    import numpy as np
-
-    across = cells + 1
-    steps = np.arange(across) / cells * 2 - 1
-    points = np.array([(0.9 * x, 0.3 * y, 0.2 * z) for x in steps for y in steps for z in steps])
-    corner = np.array([x * across**2 + y * across + z for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-    rings = [(1, 3), (3, 2), (2, 6), (6, 4), (4, 5), (5, 1)]
-    one = corner[[(0, 7, b, a) for a, b in rings]]
-    at = [x * across**2 + y * across + z for x in range(cells) for y in range(cells) for z in range(cells)]
-    return points, np.concatenate([one + first for first in at])
 
 
 class Check:
@@ -110,7 +94,7 @@ class Check:
         named = [
             {"shard": shard, **one} for shard in sorted(self.plan.shards) for one in self.plan.trainings()
         ]
-        return list(dict.fromkeys(self.at(name, body=KNOWN, **wildcards) for wildcards in named))
+        return list(dict.fromkeys(self.at(name, body=by_hand.KNOWN, **wildcards) for wildcards in named))
 
     def jobs(self, step: Step) -> list[dict[str, str]]:
         """Return the wildcards of every job that a stage has."""
@@ -122,7 +106,7 @@ class Check:
             per.OBJECT: objects,
             per.BODY: [{**one, "solidity": solidity} for one in objects for solidity in solidities],
             per.SHARD: [{"shard": shard} for shard in self.plan.shards],
-            per.KNOWN_BODY: [{"body": KNOWN}],
+            per.KNOWN_BODY: [{"body": by_hand.KNOWN}],
             per.TRAINING: self.plan.trainings(),
             per.COMPARISON: [{"task": task, "split": "object"} for task in self.plan.config.learn.tasks],
         }.get(step.per, [{}])
@@ -134,7 +118,7 @@ class Check:
         from vibraverse.contract.step import SHARD, option
 
         if step.per == SHARD:
-            refuse_missing(self, **wildcards)
+            by_hand.refuse_missing(self, **wildcards)
         command: list = [step.name]
         if object_ := wildcards.get("object", wildcards.get("body")):
             command += ["--object", object_]
@@ -146,10 +130,12 @@ class Check:
             if not input_.pattern:
                 command += self.own_file(name, **wildcards)
                 continue
+            if input_.optional and input_.pattern not in by_hand.BY_HAND:
+                continue
             paths = self.all_of(input_.pattern) if input_.many else [self.at(input_.pattern, **wildcards)]
             for path in paths:
                 if not path.exists():
-                    BY_HAND[input_.pattern](self, path)
+                    by_hand.BY_HAND[input_.pattern](self, path)
             command += [option(name), *paths]
         places = {name: self.at(output.pattern, **wildcards) for name, output in step.outputs.items()}
         for name, place in places.items():
@@ -199,125 +185,7 @@ def stages(check: Check, family: str) -> None:
             check.run(step, wildcards)
         if step.name == "features":
             open_for_training(check)
-            bodies(check)
-
-
-# Products of other families' stages
-
-
-def tets(check: Check, path: Path) -> None:
-    """Write a box of tetrahedra."""
-    from vibraverse.files.tets import write_tets
-
-    write_tets(path, *box())
-
-
-def clean_record(check: Check, path: Path) -> None:
-    """Write the size of an object."""
-    path.write_text(json.dumps({"size_m": 0.2, "size_origin": "generated"}))
-
-
-def surface(check: Check, path: Path) -> None:
-    """Write the surface of a box."""
-    from vibraverse.files.meshes import write_ply
-
-    points, cells = box()
-    seen: dict[frozenset, tuple] = {}
-    for a, b, c, d in cells.tolist():
-        for face in ((b, c, d), (a, d, c), (a, b, d), (a, c, b)):
-            seen[frozenset(face)] = () if frozenset(face) in seen else face
-    write_ply(path, points, [face for face in seen.values() if face])
-
-
-def known_meshes(check: Check, path: Path) -> None:
-    """Write two meshes of a box."""
-    import h5py
-
-    with h5py.File(path, "w") as h5:
-        h5.attrs["scale_m"] = 0.01
-        for number, cells in enumerate((3, 4)):
-            h5[f"{number}/points"], h5[f"{number}/cells"] = box(cells)
-
-
-def comparison(check: Check, path: Path) -> None:
-    """Write the comparison of two meshes of a body with one reference."""
-    reference = {"mode": "1", "equal": 1, "poisson": 0.3, "reference_hz": 1000.0, "tolerance": 0.1}
-    about = {"order": 2, "corrected": "no", "verdict": "met", "published": False, "source": "made up"}
-    rows = [
-        {"body": KNOWN, **reference, "computed_hz": 1000 * (1 + error), "relative_error": error, **about,
-         "tetrahedra": unknowns // 3, "unknowns": unknowns}
-        for unknowns, error in ((300, 0.01), (3000, 0.001))
-    ]  # fmt: skip
-    path.write_text(json.dumps({"body": KNOWN, "rows": rows}))
-
-
-def configuration(check: Check, path: Path) -> None:
-    """Write the configuration with every default filled in, as JSON, which is YAML; images have no YAML library."""
-    path.write_text(json.dumps(check.plan.config.model_dump(mode="json")), encoding="utf-8")
-
-
-def refuse_missing(check: Check, shard: str) -> None:
-    """Write a refusal in place of every missing product of a shard's objects."""
-    from vibraverse.contract import products
-    from vibraverse.contract.refusal import Refusal
-    from vibraverse.flow import targets
-
-    refusal = Refusal(OBJECT, "clean", "empty", "nothing to see", "add triangles").to_text()
-    for product in map(Path, targets.shard_products(check.plan, shard)):
-        if not product.exists():
-            products.write_text(product, refusal)
-    for object_ in check.plan.shards[shard]:
-        record = check.at("source_record", object=object_)
-        if record.read_text(encoding="utf-8") == refusal:
-            source = {"object": object_, "origin": "files", "format": "off", "file": f"{object_}.off"}
-            products.write_json(record, {**source, "provenance": {}})
-
-
-def packed(check: Check, path: Path) -> None:
-    """Write a shard of refused objects with the library."""
-    import h5py
-
-    from vibraverse.config.dataset import ShardOptions
-    from vibraverse.contract import products
-    from vibraverse.dataset.write.pack import finish, pack_object
-
-    refuse_missing(check, path.stem)
-    options = ShardOptions.model_validate_json(check.plan.options("dataset", shard=path.stem))
-    with h5py.File(path, "w") as h5:
-        groups = h5.create_group("objects")
-        rows = [pack_object(groups, check.plan.paths, name, options, path.name) for name in options.objects]
-        finish(h5, rows)
-        products.write_provenance(h5, {"stage": "dataset", "libraries": {}})
-
-
-def indexed(check: Check, path: Path) -> None:
-    """Write the index, the refusals and the record of a dataset with the library."""
-    from vibraverse.contract import products
-    from vibraverse.dataset.read.reader import Reader
-    from vibraverse.dataset.write.columns import write_index
-    from vibraverse.dataset.write.summary import summary
-
-    shards = check.all_of("shard")
-    for shard in shards:
-        if not shard.exists():
-            packed(check, shard)
-    with Reader(shards) as reader:
-        write_index(check.at("index_columns"), reader.index)
-        products.write_json(check.at("dataset_record"), {**summary(reader, {}), "shards": {}})
-
-
-#: Functions that write the products of other families' stages, by pattern.
-BY_HAND = {
-    "tets": tets,
-    "clean_record": clean_record,
-    "surface": surface,
-    "validation_meshes": known_meshes,
-    "validation_comparison": comparison,
-    "config": configuration,
-    "shard": packed,
-    "index_columns": indexed,
-    "dataset_record": indexed,
-}
+            by_hand.bodies(check)
 
 
 def open_for_training(check: Check) -> None:
@@ -328,40 +196,6 @@ def open_for_training(check: Check) -> None:
 
     (shard,) = check.all_of("shard")
     assert isinstance(vibraverse.dataset.torch_dataset(shard), torch.utils.data.Dataset)
-
-
-def bodies(check: Check) -> None:
-    """Write features of twelve objects, both bodies, in place of the shard's, and their splits."""
-    import numpy as np
-
-    random = np.random.default_rng(0)
-    (folder,) = check.all_of("features")
-    objects = [f"bar-{number:04d}" for number in range(12)]
-    count, modes = 2 * len(objects), 8
-    steel = {"density_kg_m3": 7850.0, "young_pa": 2e11, "poisson": 0.25}
-    spectra = np.sort(random.normal(size=(count, 3, modes)), axis=-1).astype(np.float32)
-    arrays = {
-        "points": random.uniform(-0.9, 0.9, (count, 512, 6)).astype(np.float32),
-        "invariants": random.uniform(1, 2, (count, 5)).astype(np.float32),
-        "log_omega": spectra,
-        "ritz": spectra[:, :, None] + np.array([0.3, 0.2, 0.1], np.float32)[:, None],
-        "frequencies_hz": 1000 * np.exp(spectra[:, :1]).astype(float),
-        "volume_m3": np.full(count, 1e-4),
-        "size_m": np.full(count, 0.1),
-        "thickness": np.tile([np.nan, 0.5], len(objects)),
-        "object_row": np.repeat(np.arange(len(objects)), 2),
-        "views": random.integers(0, 256, (len(objects), 2, 64, 64, 3), dtype=np.uint8),
-    }
-    for name, array in arrays.items():
-        np.save(folder / f"{name}.npy", array)
-    both = {"object": np.repeat(objects, 2).tolist(), "solidity": ["solid", "hollow"] * len(objects)}
-    both |= {"origin": ["generated"] * count, "family": ["bar"] * count}
-    record = {"bodies": both, "objects": objects, "materials": {"steel": steel}}
-    record |= {"poisson": [0.1, 0.25, 0.4], "ritz_degrees": [4, 6, 8]}
-    (folder / "features.json").write_text(json.dumps(record))
-    sides = ["train"] * 8 + ["validation"] * 2 + ["test"] * 2
-    lines = [f"{one}\t{side}\t\n" for one, side in zip(objects, sides, strict=True)]
-    check.at("splits").write_text("".join(["object\tsplit\tcopy_of\n", *lines]))
 
 
 def packages(family: str) -> None:

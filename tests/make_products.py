@@ -106,11 +106,13 @@ def index(results: Path, shards: list[Path], *more) -> None:
 
 
 def report(results: Path, **changes) -> Path:
-    """Write the page with the stage ``report``."""
+    """Write the page with the stage ``report``; it links that of learning where there is one."""
     paths = Paths(results)
+    learning = ("--learning", paths.learn_page) if Path(paths.learn_page).exists() else ()
     shards = sorted(Path(paths.shard).parent.glob("*.h5"))
     inputs = ("--index", paths.index_columns, "--record", paths.dataset_record)
-    call("report", *inputs, "--shards", *shards, "--page", paths.report, "--options", json.dumps(changes))
+    outputs = ("--page", paths.report, "--options", json.dumps(changes))
+    call("report", *inputs, *learning, "--shards", *shards, *outputs)
     return Path(paths.report)
 
 

@@ -11,41 +11,13 @@ import pytest
 import soundfile
 
 import make_products
-
-CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
-FLAGS = (
-    "--headless=new",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-background-networking",
-    "--disable-dev-shm-usage",
-    "--no-first-run",
-    "--disable-component-update",
-    "--disable-sync",
-    "--mute-audio",
-    "--autoplay-policy=no-user-gesture-required",
-)
+from browsers import opened
 
 
 @pytest.fixture(scope="module")
 def browser(report_page, tmp_path_factory):
-    if not (CHROMIUM and DRIVER):
-        pytest.skip("Chromium and its driver are not installed (apt-get install chromium chromium-driver)")
-    from selenium import webdriver
-    from selenium.webdriver.chrome.service import Service
-
-    options = webdriver.ChromeOptions()
-    options.binary_location = CHROMIUM
-    for flag in (*FLAGS, f"--user-data-dir={tmp_path_factory.mktemp('chromium')}", "--window-size=1280,900"):
-        options.add_argument(flag)
-    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
-    driver = webdriver.Chrome(options, Service(DRIVER))
-    driver.set_script_timeout(20)
-    driver.get("about:blank")
-    driver.get_log("performance")  # what the browser's own start page asked for
-    driver.get(report_page.as_uri())
-    yield driver
-    driver.quit()
+    with opened(report_page, tmp_path_factory.mktemp("chromium")) as driver:
+        yield driver
 
 
 def run(browser, script: str):

@@ -32,6 +32,15 @@ def test_the_page_names_nothing_outside_its_folder(report_page):
     assert "<title>Things that ring</title>" in text
 
 
+def test_the_page_of_learning_is_linked_where_there_is_one(report_page, tmp_path):
+    assert "Learning</a>" not in report_page.read_text(encoding="utf-8")
+    shutil.copytree(report_page.parents[1] / "dataset", tmp_path / "dataset")
+    (tmp_path / "learn").mkdir()
+    (tmp_path / "learn/index.html").write_text("anything")
+    text = make_products.report(tmp_path).read_text(encoding="utf-8")
+    assert '<a href="../learn/index.html">Learning</a>' in text
+
+
 def test_an_empty_split_is_said(report_page):
     text = report_page.read_text(encoding="utf-8")
     assert re.search(

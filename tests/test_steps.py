@@ -21,11 +21,11 @@ from vibraverse.flow.steps import BY_NAME, CHAIN, STEPS
 from workflow_runs import TINY, Run
 
 #: Inputs that a rule hands over as a parameter, since they need not exist when a run is planned.
-AS_PARAMETERS = {("index", "resolved")}
+AS_PARAMETERS = {("index", "resolved"), ("report", "learning"), ("learn_page", "report")}
 #: Inputs that the stage finds by itself, listed in the rule for Snakemake's sake.
 FOUND_BY_THE_STAGE = {("dataset", "products")}
 _VALIDATION = dict.fromkeys(("validation_meshes", "validation_modes", "validation_table"), "validation")
-_LEARNING = dict.fromkeys(("features", "train", "evaluate", "baselines", "results"), "learn")
+_LEARNING = dict.fromkeys(("features", "train", "evaluate", "baselines", "results", "learn_page"), "learn")
 #: Stages that share a page in ``docs/``, and stages that share a test file, each with its name.
 SHARED_PAGES = {"index": "dataset", **_VALIDATION, **_LEARNING}
 SHARED_TESTS = {**_VALIDATION, "evaluate": "tasks", "baselines": "tasks", "results": "tasks"}
@@ -38,7 +38,7 @@ def rules(root, tmp_path_factory) -> dict[str, dict]:
     """The rules as Snakemake understands them, of a run with every optional input."""
     folder = tmp_path_factory.mktemp("rules")
     paths = Paths(folder / "results")
-    for place in (paths.validation_record, folder / "kept.tsv"):
+    for place in (paths.validation_record, paths.learn_page, paths.report, folder / "kept.tsv"):
         Path(place).parent.mkdir(parents=True, exist_ok=True)
         Path(place).touch()
     config = {**TINY, "results": paths.results, "audio": {"points": [[0.0, 0.0, 1.0]]}}
@@ -118,7 +118,7 @@ def test_a_rule_says_what_its_step_says(rules, name):
     assert {key for key in rule["input"] if (name, key) not in FOUND_BY_THE_STAGE} == inputs
     for key, input_ in step.chained.items():
         if (name, key) in AS_PARAMETERS:
-            assert rule["params"][key] == getattr(paths, input_.pattern)
+            assert rule["params"][key].removeprefix(f"--{key}=") == getattr(paths, input_.pattern)
             continue
         pattern, given = getattr(paths, input_.pattern), rule["input"][key]
         if callable(pattern):
@@ -155,7 +155,7 @@ def test_products_have_one_name_and_one_place():
     for step in STEPS:
         for output in step.outputs.values():
             assert all(f"{{{wildcard}}}" in output.path for wildcard in step.wildcards)
-        assert step.record in step.outputs or step.name == "report"
+        assert step.record in step.outputs or step.name in ("report", "learn_page")
         assert step.passes_refusals == (
             step.per not in ("shard", "dataset", "validation", "training", "comparison", "learning")
         )
@@ -166,8 +166,9 @@ def test_every_input_is_made_by_an_earlier_stage():
     for step in STEPS:
         for name, input_ in step.chained.items():
             sources = ("surface", "hollow_surface") if input_.pattern == "boundary" else (input_.pattern,)
-            # The report shows a validation where one was run; that is a run of its own.
-            assert made.issuperset(sources) or (step.name, name) == ("report", "validation")
+            # The report shows a validation and links learning where they were run; those are runs of their own.
+            own = ("validation", "learning")
+            assert made.issuperset(sources) or (step.name == "report" and name in own)
         made |= {output.pattern for output in step.outputs.values()}
 
 

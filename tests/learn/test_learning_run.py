@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import time
@@ -118,11 +119,22 @@ def test_a_prediction_for_a_file_is_the_answer_about_the_object(learnt, tmp_path
     assert ratio[0, 0] == pytest.approx(1, abs=0.01)
 
 
+def test_the_page_is_of_both_tasks_and_marks_the_toy(learnt):
+    text = (learnt.folder / Paths().learn_page).read_text(encoding="utf-8")
+    assert re.findall(r'<section id="(\w+)" class="task">', text) == ["frequencies", "solidity"]
+    assert "Different data" not in text
+    assert "toy run" in text
+    assert "<audio" in text
+
+
 def test_nothing_is_left_to_do_and_a_new_seed_trains_alone(learnt):
     learnt("learn")  # another test may have trained a model anew
     assert learnt.plan("learn")[0] == {}
     before = learnt.config
     learnt.config = {**before, "learn": {**before["learn"], "seeds": [0, 1]}}
     jobs, _ = learnt.plan("learn")
+    everything, _ = learnt.plan()  # the report links the page of learning, and must not make it
     learnt.config = before
-    assert jobs == {"train": 2, "evaluate": 2, "results": 1, "learn": 1}
+    assert jobs == {"train": 2, "evaluate": 2, "results": 1, "learn_page": 1, "learn": 1}
+    assert everything["report"] == 1
+    assert not {step.name for step in LEARNING_STEPS} & set(everything)

@@ -22,6 +22,7 @@ rule report:
     params:
         options=plan.options("report"),
         validation=targets.validation_argument(plan),
+        learning=targets.link_argument("learning", paths.learn_page),
         version=VERSIONS["report"],
     message:
         "the report"
@@ -31,6 +32,7 @@ rule report:
         "--index {input.index:q} "
         "--record {input.record:q} "
         "{params.validation} "
+        "{params.learning} "
         "--page {output.page:q} "
         "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"

@@ -3,7 +3,7 @@
 
 rule results:
     input:
-        evaluations=targets.evaluations(plan),
+        evaluations=targets.of_trainings(plan, paths.evaluation),
         baselines=targets.baselines(plan),
     output:
         table=paths.results_table,
@@ -29,8 +29,3 @@ rule results:
         "--table {output.table:q} "
         "--record {output.record:q} "
         "--threads {threads} > {log:q} 2>&1"
-
-
-rule learn:
-    input:
-        record=paths.results_record,

@@ -56,7 +56,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="evaluate",
-        version=2,
+        version=2,  # 2: the record says what kind of model it is
         help="compare a trained model's answers with the truth",
         per=TRAINING,
         family="learn",
@@ -76,7 +76,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="baselines",
-        version=2,
+        version=2,  # 2: the record says that they are baselines
         help="fit the simple predictors of a task, to compare with",
         per=COMPARISON,
         family="learn",
@@ -93,7 +93,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="results",
-        version=1,
+        version=2,  # 2: the kind of each method, and all values where trainings of a row differ
         help="join the measures of all models into one table",
         per=LEARNING,
         family="learn",
@@ -109,6 +109,27 @@ LEARNING_STEPS = (
         },
         record="record",
         libraries=("numpy",),
+        passes_refusals=False,
+    ),
+    Step(
+        name="learn_page",
+        version=1,
+        help="write the page of learning: tables, curves, sounds to compare",
+        per=LEARNING,
+        family="report",
+        inputs={
+            "results": Input("results_record", "the table of all models (JSON)"),
+            "evaluations": Input("evaluation", "measures of all models (JSON)", many=True),
+            "curves": Input("training_curves", "loss and rates of all models by step (CSV)", many=True),
+            "answers": Input("answers", "answers and truth of all models", many=True),
+            **_SAMPLES,
+            "dataset": Input("dataset_record", "dataset.json, for the damping of the materials"),
+            "report": Input("report", "the page of the dataset, to link, where it exists", optional=True),
+        },
+        outputs={
+            "page": Output("learn_page", "learn/index.html", "index.html; its sounds go to assets/ beside it")
+        },
+        libraries=("jinja2", "matplotlib", "numpy", "scipy", "soundfile"),
         passes_refusals=False,
     ),
 )

@@ -284,7 +284,7 @@ STEPS = (
     ),
     Step(
         name="report",
-        version=5,
+        version=6,
         help="write the page people open",
         per=DATASET,
         family="report",
@@ -295,6 +295,7 @@ STEPS = (
             "validation": Input(
                 "validation_record", "validation.json, where the validation was run", optional=True
             ),
+            "learning": Input("learn_page", "the page of learning, to link, where it exists", optional=True),
         },
         outputs={
             "page": Output(

@@ -44,9 +44,9 @@ def features(plan: Plan) -> list[str]:
     return [plan.paths.at(plan.paths.features, shard=shard) for shard in sorted(plan.shards)]
 
 
-def evaluations(plan: Plan) -> list[str]:
-    """Return the measures of all trained models."""
-    return [plan.paths.at(plan.paths.evaluation, **training) for training in plan.trainings()]
+def of_trainings(plan: Plan, pattern: str) -> list[str]:
+    """Return the products of a pattern, one of each trained model."""
+    return [plan.paths.at(pattern, **training) for training in plan.trainings()]
 
 
 def baselines(plan: Plan) -> list[str]:
@@ -127,6 +127,14 @@ def validation_comparisons(plan: Plan) -> list[str]:
 def validation_done(plan: Plan) -> list[str]:
     """Return the record of the validation if it exists, else nothing; the report shows it only then."""
     return [plan.paths.validation_record] if os.path.exists(plan.paths.validation_record) else []
+
+
+def link_argument(option: str, page: str) -> str:
+    """Return the option that names a page to link, for the shell; "" where the page does not exist.
+
+    It is no input of the rule: a page that is linked need not be up to date, and must not be made for its link.
+    """
+    return f"--{option}={quote(page)}" if os.path.exists(page) else ""
 
 
 def validation_argument(plan: Plan) -> str:

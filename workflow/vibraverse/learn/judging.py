@@ -19,7 +19,7 @@ from vibraverse.learn.sides import HELD_OUT, TEST
 from vibraverse.sources.families import GROUPS
 
 #: Bounds of the thickness t by which bodies are looked at.
-_THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
+THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
 
 
 @dataclass
@@ -102,6 +102,6 @@ def _sources(samples: Samples, bodies: np.ndarray) -> dict[str, np.ndarray]:
     }
     masks |= {name: solidity == name for name in ("solid", "hollow")}
     masks |= {
-        f"t {low:g}-{high:g}": (thickness >= low) & (thickness < high) for low, high in pairwise(_THICKNESS)
+        f"t {low:g}-{high:g}": (thickness >= low) & (thickness < high) for low, high in pairwise(THICKNESS)
     }
     return {name: mask for name, mask in masks.items() if mask.any()}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import numpy as np
 
@@ -27,10 +27,11 @@ COLUMNS: dict[str, tuple[type, str]] = {
     "high": (float, "largest over trainings, or the end of the interval of a single one"),
     "trainings": (int, "number of trainings: seeds times folds"),
     "count": (int, "tested bodies, over all folds"),
+    "kind": (str, "`published`, `model`, `control` (gets too little to answer), or `baseline`"),
     "preset": (str, "size of the training; `tiny` is a toy and proves nothing"),
     "minutes": (float, "mean wall time of a training"),
-    "hardware": (str, "processor or GPU of the trainings"),
-    "threads": (int, "threads of a training"),
+    "hardware": (str, "processor or GPU of the trainings; where they differ, here and below, all values"),
+    "threads": (str, "threads of a training"),
     "config_hash": (str, "beginning of the SHA-256 of the resolved options"),
     "data_sha256": (str, "beginning of the checksum of the dataset"),
     "version": (str, "version of vibraverse"),
@@ -101,7 +102,7 @@ def _compared(evaluations: list[dict]) -> Iterator[tuple[dict, dict]]:
 
 
 def _row(key: tuple, members: list[tuple[dict, dict]]) -> dict:
-    about, values = members[0][0], [row["value"] for _, row in members]
+    values = [row["value"] for _, row in members]
     low, high = (min(values), max(values)) if len(members) > 1 else (
         members[0][1].get("low", values[0]), members[0][1].get("high", values[0])
     )  # fmt: skip
@@ -114,6 +115,17 @@ def _row(key: tuple, members: list[tuple[dict, dict]]) -> dict:
         "trainings": len(members),
         "count": sum(counts.values()),
         "minutes": round(float(np.mean([one["training"]["minutes"] for one, _ in members])), 2),
-        **{name: about["training"][name] for name in ("preset", "hardware", "threads")},
-        **{name: about[name] for name in ("config_hash", "data_sha256", "version")},
+        **{
+            name: joined([one["training"][name] for one, _ in members])
+            for name in ("kind", "preset", "hardware", "threads")
+        },
+        **{
+            name: joined([one[name] for one, _ in members])
+            for name in ("config_hash", "data_sha256", "version")
+        },
     }
+
+
+def joined(values: Iterable) -> str:
+    """Return the values of the trainings of a row as one text: the only one, or all that differ with commas."""
+    return ", ".join(sorted({str(value) for value in values}))

@@ -27,6 +27,7 @@ ALL = (*FAMILIES, "learn")
 SOURCES = (
     "containers/base.def",
     "containers/check.py",
+    "containers/by_hand.py",
     "containers/environment.sh",
     "containers/family.def",
     "envs/bootstrap.txt",

@@ -94,9 +94,16 @@ def _modes(material) -> list:
 
 
 def _cell(body, object_id: str, solidity: str, name: str, material: str, assets: dict[str, bytes]) -> dict:
-    sound = body["sounds"][name]
-    samples, sample_rate_hz = sound[()], int(sound.attrs["sample_rate_hz"])
-    stem = f"{object_id}/{solidity}-{name}"
+    stored = body["sounds"][name]
+    return {
+        **sound(stored[()], int(stored.attrs["sample_rate_hz"]), f"{object_id}/{solidity}-{name}", assets),
+        "f1_hz": float(body["materials"][material]["frequencies_hz"][0]),
+        "mass_kg": float(body["materials"][material].attrs["mass_kg"]),
+    }
+
+
+def sound(samples, sample_rate_hz: int, stem: str, assets: dict[str, bytes]) -> dict:
+    """Return what a player shows of a sound; add its FLAC file and its spectrogram to ``assets``."""
     assets[f"{stem}.flac"] = flac(samples, sample_rate_hz)
     assets[f"{stem}.png"] = spectrogram(samples, sample_rate_hz)
     return {
@@ -105,8 +112,6 @@ def _cell(body, object_id: str, solidity: str, name: str, material: str, assets:
         "marks": marks(sample_rate_hz),
         "silent_below_hz": 0.0 if samples.any() else sample_rate_hz / 2,
         "duration_s": len(samples) / sample_rate_hz,
-        "f1_hz": float(body["materials"][material]["frequencies_hz"][0]),
-        "mass_kg": float(body["materials"][material].attrs["mass_kg"]),
     }
 
 

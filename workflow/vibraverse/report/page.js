@@ -1,33 +1,13 @@
-/* The page's behaviour: theme, filter, pictures that turn, players that show where they are, and the strip of modes. */
+/* The behaviour of the page of the dataset: filter, pictures that turn, and the strip of modes. */
 "use strict";
 (() => {
   const data = JSON.parse(document.getElementById("data").textContent);
-  const root = document.documentElement;
-  const all = (selector, within = document) => [...within.querySelectorAll(selector)];
-  const one = (selector, within = document) => within.querySelector(selector);
-  const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
+  const { all, one, clamp, player } = shared;
 
   /* Numbers as people read them: three significant digits. */
   const plain = (value) => Number(value.toPrecision(3)).toLocaleString("en", { maximumFractionDigits: 20 });
   const hertz = (value) => (value < 10000 ? `${plain(value)} Hz` : `${plain(value / 1000)} kHz`);
   const seconds = (value) => (value <= 0 ? "does not ring" : value < 1 ? `${plain(value * 1000)} ms` : `${plain(value)} s`);
-
-  /* Theme: the system's until somebody chooses. Browsers may forbid storage for pages opened from disk. */
-  const remember = (value) => {
-    try {
-      if (value) localStorage.setItem("vibraverse-theme", value);
-      return localStorage.getItem("vibraverse-theme");
-    } catch {
-      return null;
-    }
-  };
-  const dark = matchMedia("(prefers-color-scheme: dark)");
-  const paint = (theme) => {
-    root.dataset.theme = theme;
-    drawFingerprint();
-  };
-  one("#theme").addEventListener("click", () => paint(remember(root.dataset.theme === "dark" ? "light" : "dark") || (root.dataset.theme === "dark" ? "light" : "dark")));
-  dark.addEventListener("change", () => paint(remember() || (dark.matches ? "dark" : "light")));
 
   /* The frequency axis is the same for every object, so that bodies can be compared down the page. */
   const [lowest, highest] = data.range_hz;
@@ -48,7 +28,7 @@
     fingerprint.width = width * ratio;
     fingerprint.height = height * ratio;
     const brush = fingerprint.getContext("2d");
-    const style = getComputedStyle(root);
+    const style = getComputedStyle(document.documentElement);
     const step = (height * ratio) / rows.length;
     brush.lineWidth = 1.4 * ratio;
     rows.forEach(([solidity, [frequencies, rings]], row) => {
@@ -63,70 +43,6 @@
       });
     });
     one("#fingerprint-material").textContent = fingerprintMaterial;
-  }
-
-  /* Players: one sounds at a time; its cursor runs over the spectrogram. */
-  let current = null;
-  function player(element, onplay) {
-    const audio = one("audio", element);
-    const track = one(".track", element);
-    const button = one(".play", element);
-    const label = button.getAttribute("aria-label");
-    const duration = Number(element.dataset.duration);
-    const show = (time) => {
-      element.style.setProperty("--at", `${(100 * time) / duration}%`);
-      track.setAttribute("aria-valuenow", time.toFixed(2));
-      track.setAttribute("aria-valuetext", `${time.toFixed(2)} s`);
-    };
-    const follow = () => {
-      show(audio.currentTime);
-      if (!audio.paused) requestAnimationFrame(follow);
-    };
-    const seek = (time) => {
-      element.classList.add("started");
-      audio.currentTime = clamp(time, 0, duration);
-      show(audio.currentTime);
-    };
-    const play = () => {
-      if (current && current !== audio) current.pause();
-      current = audio;
-      onplay();
-      return audio.play().catch(() => {});
-    };
-    const toggle = () => (audio.paused ? play() : audio.pause());
-    audio.addEventListener("play", () => {
-      element.classList.add("playing", "started");
-      button.setAttribute("aria-label", label.replace("Play", "Pause"));
-      follow();
-    });
-    audio.addEventListener("pause", () => {
-      element.classList.remove("playing");
-      button.setAttribute("aria-label", label);
-    });
-    audio.addEventListener("ended", () => {
-      element.classList.remove("started");
-      show(0);
-    });
-    button.addEventListener("click", toggle);
-    track.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      const box = track.getBoundingClientRect();
-      seek((duration * (event.clientX - box.left)) / box.width);
-      if (audio.paused) play();
-    });
-    const keys = {
-      ArrowLeft: () => seek(audio.currentTime - duration / 20),
-      ArrowRight: () => seek(audio.currentTime + duration / 20),
-      Home: () => seek(0),
-      End: () => seek(duration),
-      " ": toggle,
-      Enter: toggle,
-    };
-    track.addEventListener("keydown", (event) => {
-      if (!keys[event.key]) return;
-      event.preventDefault();
-      keys[event.key]();
-    });
   }
 
   /* The strip of modes: solid up, hollow down. */
@@ -290,7 +206,7 @@
         all(".row", card).forEach((row) => { row.hidden = Boolean(material) && row.dataset.material !== material; });
         if (material) choose(material);
       });
-      if (current && current.closest("[hidden]")) current.pause();
+      shared.pauseHidden();
       one("#shown").textContent = `${count} ${count === 1 ? "object" : "objects"}`;
       one(".empty").hidden = count > 0;
       if (material && material !== fingerprintMaterial) {
@@ -321,5 +237,5 @@
     one("#where").hidden = true;
   }
   addEventListener("resize", drawFingerprint);
-  paint(remember() || (dark.matches ? "dark" : "light"));
+  shared.themes(drawFingerprint);
 })();

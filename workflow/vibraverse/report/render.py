@@ -5,18 +5,15 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
-from importlib import resources
 
-import jinja2
 from markupsafe import Markup
 
-from vibraverse import __version__
 from vibraverse.contract.refusal import REASONS
 from vibraverse.dataset.read.reader import Reader
 from vibraverse.dataset.split.assignment import emptiness
 from vibraverse.dataset.write.summary import WARNINGS
 from vibraverse.flow.steps import VERSIONS
-from vibraverse.report import quantities
+from vibraverse.report import shell
 from vibraverse.report.content import Card, card
 from vibraverse.validation import plot
 
@@ -40,37 +37,19 @@ def html(
     assets_folder: str,
     validation: dict | None = None,
     warnings: Sequence[dict] = (),
+    learning: str = "",
 ) -> str:
     """Return the page.
 
     ``record`` is the content of ``dataset.json``, ``refusals`` are the rows of ``refusals.tsv``. ``assets_folder`` is
     the folder of pictures and sounds, relative to the page. ``validation`` is the content of ``validation.json``.
-    ``warnings`` are those of :func:`vibraverse.dataset.write.summary.warnings`.
+    ``warnings`` are those of :func:`vibraverse.dataset.write.summary.warnings`. ``learning`` is the page of learning,
+    relative to this one; "" where there is none.
     """
-    environment = jinja2.Environment(
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-        undefined=jinja2.StrictUndefined,
-        keep_trailing_newline=True,
-    )
-    environment.filters.update(
-        {
-            "count": "{:,}".format,
-            "number": quantities.number,
-            "length_text": quantities.length,
-            "volume_text": quantities.volume,
-            "mass_text": quantities.mass,
-            "frequency_text": quantities.frequency,
-            "duration_text": quantities.duration,
-            "file_size_text": quantities.file_size,
-        }
-    )
-    return environment.from_string(_text("page.html")).render(
+    return shell.fill(
+        "page.html",
         title=title,
-        version=__version__,
-        style=Markup(_text("style.css")),
-        script=Markup(_text("page.js")),
+        script=Markup(shell.text("page.js")),
         data=Markup(_data(record, cards, assets_folder)),
         assets=assets_folder,
         counts=record["counts"],
@@ -87,13 +66,10 @@ def html(
         warnings=_grouped(warnings, "kind", WARNINGS),
         warned=len({row["object"] for row in warnings}),
         most=_SHOWN_WARNINGS,
+        learning=learning,
         validation=validation,
         convergence=Markup(plot.svg(validation["bodies"], inside_html=True)) if validation else "",
     )
-
-
-def _text(name: str) -> str:
-    return resources.files("vibraverse.report").joinpath(name).read_text(encoding="utf-8")
 
 
 def _with_cover(one: Card) -> dict:

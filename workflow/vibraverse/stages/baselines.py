@@ -15,7 +15,7 @@ def run(job: Job) -> None:
     options = job.options
     task = task_at(job.inputs["features"], job.inputs["splits"], options)
     made_of = job.provenance()
-    about = {"preset": "", "hardware": processor(), "threads": job.threads}
+    about = {"kind": "baseline", "preset": "", "hardware": processor(), "threads": job.threads}
     found = [
         evaluation(options, name, judgement, {**about, "minutes": seconds / 60}, made_of)
         for name, seconds, judgement in baselines(task)

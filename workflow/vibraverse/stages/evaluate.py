@@ -27,6 +27,7 @@ def run(job: Job) -> None:
     made = products.read_json(job.inputs["training"])
     metrics = made["metrics"]
     training = {
+        "kind": task.kind,
         "preset": options.preset,
         "minutes": metrics["seconds"] / 60,
         "threads": made["threads"],

@@ -7,6 +7,7 @@ folder of the previous page stays until the new page is in place.
 from __future__ import annotations
 
 import hashlib
+import os
 import shutil
 from pathlib import Path
 
@@ -36,7 +37,12 @@ def run(job: Job) -> None:
     folder = write_assets(parent, assets)
     job.afterwards.append(lambda: remove_others(parent, folder))
     validation = products.read_json(job.inputs["validation"]) if "validation" in job.inputs else None
-    page = render.html(job.options.title, record, refusals, cards, f"assets/{folder}", validation, warned)
+    learning = (
+        os.path.relpath(job.inputs["learning"], job.final["page"].parent) if "learning" in job.inputs else ""
+    )
+    page = render.html(
+        job.options.title, record, refusals, cards, f"assets/{folder}", validation, warned, learning
+    )
     job.outputs["page"].write_text(page, encoding="utf-8")
 
 

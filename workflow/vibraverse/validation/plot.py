@@ -2,41 +2,25 @@
 
 from __future__ import annotations
 
-import io
 import math
-import re
+
+from vibraverse.media import plots
 
 #: Order -> the page's colour variable, the default colour, and the marker.
 _STYLES = {"P1": ("--hollow", "#c2611c", "s"), "P2": ("--solid", "#0f7173", "o")}
-_TEXT_COLOUR, _LINE_COLOUR = ("--soft", "#63656f"), ("--line", "#e5e3dd")
 _MAX_COLUMNS = 4
-
-
-#: Additions by matplotlib: metadata, and a style rule that would apply to the whole page.
-_MATPLOTLIB_EXTRAS = re.compile(r"<metadata>.*?</metadata>|<style .*?</style>", re.DOTALL)
 
 
 def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
     """Return the plot of ``bodies`` as SVG.
 
-    Each body has a ``title`` and a ``convergence`` as of :func:`~vibraverse.validation.table.convergence`. With
-    ``inside_html`` the namespaces are left out, which HTML does not need.
+    Each body has a ``title`` and a ``convergence`` as of :func:`~vibraverse.validation.table.convergence`. For
+    ``inside_html`` see :func:`vibraverse.media.plots.as_svg`.
     """
-    import matplotlib
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogLocator, NullFormatter
 
-    settings = {
-        "svg.fonttype": "none",
-        "svg.hashsalt": "validation",
-        "font.size": 9,
-        "axes.edgecolor": _LINE_COLOUR[1],
-        "text.color": _TEXT_COLOUR[1],
-        "xtick.color": _TEXT_COLOUR[1],
-        "ytick.color": _TEXT_COLOUR[1],
-        "axes.labelcolor": _TEXT_COLOUR[1],
-    }
-    with matplotlib.rc_context(settings):
+    with plots.drawing("validation"):
         across = min(_MAX_COLUMNS, len(bodies))
         down = math.ceil(len(bodies) / across)
         figure = Figure(figsize=(2.9 * across, 2.6 * down), layout="constrained")
@@ -68,7 +52,7 @@ def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
                         color=colour,
                     )
             panel.margins(x=0.22)
-            panel.grid(color=_LINE_COLOUR[1], lw=0.6)
+            panel.grid(color=plots.LINE[1], lw=0.6)
             panel.spines[["top", "right"]].set_visible(False)
             panel.yaxis.set_major_locator(LogLocator(numticks=6))
             for axis in (panel.xaxis, panel.yaxis):
@@ -83,10 +67,4 @@ def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
         figure.legend(curves.values(), curves, loc="outside upper left", ncols=4, frameon=False)
         figure.supxlabel("unknowns", fontsize=9)
         figure.supylabel("error of the frequencies", fontsize=9)
-        file = io.StringIO()
-        figure.savefig(file, format="svg", metadata={"Date": None, "Creator": None})
-    text = file.getvalue()
-    for variable, colour in (*(style[:2] for style in _STYLES.values()), _TEXT_COLOUR, _LINE_COLOUR):
-        text = text.replace(f": {colour}", f": var({variable}, {colour})")
-    text = _MATPLOTLIB_EXTRAS.sub("", text[text.index("<svg") :])
-    return re.sub(r' xmlns(:xlink)?="[^"]*"', "", text) if inside_html else text
+        return plots.as_svg(figure, dict(style[:2] for style in _STYLES.values()), inside_html)

@@ -6,6 +6,8 @@ import importlib
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from vibraverse.contract.errors import UsageError
 from vibraverse.dataset.schema import SPLIT_COLUMNS
 from vibraverse.dataset.schema.tables import from_tsv
@@ -24,6 +26,24 @@ def task_at(features: Sequence[Path], splits: Path, options):
 
     Raises :class:`UsageError` for a dataset that the task cannot use.
     """
+    return task_of(*samples_and_sides(features, splits, options), options)
+
+
+def task_of(samples: Samples, chosen: dict[str, np.ndarray], options):
+    """Return the task of the options over samples, with the bodies that are chosen for each side."""
+    module, _, name = TASKS[options.task].partition(":")
+    return getattr(importlib.import_module(f"vibraverse.learn.tasks.{module}"), name)(
+        samples, chosen, options
+    )
+
+
+def samples_and_sides(
+    features: Sequence[Path], splits: Path, options
+) -> tuple[Samples, dict[str, np.ndarray]]:
+    """Return the samples of features, named by their records, and the numbers of the bodies on every side.
+
+    Of ``options`` it reads what concerns the split. Raises as :func:`task_at` does, and needs no torch.
+    """
     try:
         samples = Samples([record.parent for record in features])
         rows = {row["object"]: row for row in from_tsv(splits.read_text(encoding="utf-8"), SPLIT_COLUMNS)}
@@ -33,17 +53,10 @@ def task_at(features: Sequence[Path], splits: Path, options):
                 f"{splits} lacks the object {missing[0]}: features and splits are of different datasets; run the same "
                 "command again, which makes what is out of date"
             )
-        chosen = sides(samples, options.split, rows, options.folds, options.hold_out, options.leave_out)
+        return samples, sides(
+            samples, options.split, rows, options.folds, options.hold_out, options.leave_out
+        )
     except TooFew as error:
         raise UsageError(f"learn: {error}") from None
     except ValueError as error:
         raise UsageError(f"{splits}: {error}") from None
-    return task_of(samples, chosen, options)
-
-
-def task_of(samples: Samples, chosen: dict, options):
-    """Return the task of the options over samples, with the bodies that are chosen for each side."""
-    module, _, name = TASKS[options.task].partition(":")
-    return getattr(importlib.import_module(f"vibraverse.learn.tasks.{module}"), name)(
-        samples, chosen, options
-    )

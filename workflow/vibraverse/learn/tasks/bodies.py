@@ -70,6 +70,11 @@ class BodyTask(Task):
     def __init__(self, samples: Samples, sides: dict[str, np.ndarray], options):
         self.samples, self.sides, self.options = samples, sides, options
 
+    @property
+    def kind(self) -> str:
+        """What the model is in the table of results: ``published``, ``model``, or ``control``."""
+        return "published" if self.options.model == "published" else "model"
+
     def ids(self, split: str) -> list[str]:
         """Return the names of a side's bodies."""
         return [self.samples.ids[body] for body in self.sides[split]]

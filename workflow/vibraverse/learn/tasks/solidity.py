@@ -101,6 +101,11 @@ class Solidity(BodyTask):
         published_size = self.options.preset in ("small", "paper")
         return Classifier(PARTS[self.options.model], self.options.network, modes, published_size)
 
+    @property
+    def kind(self) -> str:
+        """A model that gets one part alone is a control."""
+        return "control" if len(PARTS[self.options.model]) == 1 else super().kind
+
     def dataset(self, split: str) -> Strikes:
         """Return the bodies of a side; those of ``train`` have another material and view in each epoch."""
         bodies = Bodies(self.samples, self.sides[split], None)

@@ -1,0 +1,227 @@
+"""Products of other families' stages, written by hand for the check of an image; see ``check.py``."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from check import Check
+
+OBJECT = "bar-0000"
+#: The cheapest body of the validation.
+KNOWN = "block"
+
+
+def box(cells: int = 1) -> tuple:
+    """Return points (N, 3) and tetrahedra (6 cells³, 4) of a box with this many cells along each side."""
+    import numpy as np
+
+    across = cells + 1
+    steps = np.arange(across) / cells * 2 - 1
+    points = np.array([(0.9 * x, 0.3 * y, 0.2 * z) for x in steps for y in steps for z in steps])
+    corner = np.array([x * across**2 + y * across + z for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    rings = [(1, 3), (3, 2), (2, 6), (6, 4), (4, 5), (5, 1)]
+    one = corner[[(0, 7, b, a) for a, b in rings]]
+    at = [x * across**2 + y * across + z for x in range(cells) for y in range(cells) for z in range(cells)]
+    return points, np.concatenate([one + first for first in at])
+
+
+def tets(check: Check, path: Path) -> None:
+    """Write a box of tetrahedra."""
+    from vibraverse.files.tets import write_tets
+
+    write_tets(path, *box())
+
+
+def clean_record(check: Check, path: Path) -> None:
+    """Write the size of an object."""
+    path.write_text(json.dumps({"size_m": 0.2, "size_origin": "generated"}))
+
+
+def surface(check: Check, path: Path) -> None:
+    """Write the surface of a box."""
+    from vibraverse.files.meshes import write_ply
+
+    points, cells = box()
+    seen: dict[frozenset, tuple] = {}
+    for a, b, c, d in cells.tolist():
+        for face in ((b, c, d), (a, d, c), (a, b, d), (a, c, b)):
+            seen[frozenset(face)] = () if frozenset(face) in seen else face
+    write_ply(path, points, [face for face in seen.values() if face])
+
+
+def known_meshes(check: Check, path: Path) -> None:
+    """Write two meshes of a box."""
+    import h5py
+
+    with h5py.File(path, "w") as h5:
+        h5.attrs["scale_m"] = 0.01
+        for number, cells in enumerate((3, 4)):
+            h5[f"{number}/points"], h5[f"{number}/cells"] = box(cells)
+
+
+def comparison(check: Check, path: Path) -> None:
+    """Write the comparison of two meshes of a body with one reference."""
+    reference = {"mode": "1", "equal": 1, "poisson": 0.3, "reference_hz": 1000.0, "tolerance": 0.1}
+    about = {"order": 2, "corrected": "no", "verdict": "met", "published": False, "source": "made up"}
+    rows = [
+        {"body": KNOWN, **reference, "computed_hz": 1000 * (1 + error), "relative_error": error, **about,
+         "tetrahedra": unknowns // 3, "unknowns": unknowns}
+        for unknowns, error in ((300, 0.01), (3000, 0.001))
+    ]  # fmt: skip
+    path.write_text(json.dumps({"body": KNOWN, "rows": rows}))
+
+
+def configuration(check: Check, path: Path) -> None:
+    """Write the configuration with every default filled in, as JSON, which is YAML; images have no YAML library."""
+    path.write_text(json.dumps(check.plan.config.model_dump(mode="json")), encoding="utf-8")
+
+
+def refuse_missing(check: Check, shard: str) -> None:
+    """Write a refusal in place of every missing product of a shard's objects."""
+    from vibraverse.contract import products
+    from vibraverse.contract.refusal import Refusal
+    from vibraverse.flow import targets
+
+    refusal = Refusal(OBJECT, "clean", "empty", "nothing to see", "add triangles").to_text()
+    for product in map(Path, targets.shard_products(check.plan, shard)):
+        if not product.exists():
+            products.write_text(product, refusal)
+    for object_ in check.plan.shards[shard]:
+        record = check.at("source_record", object=object_)
+        if record.read_text(encoding="utf-8") == refusal:
+            source = {"object": object_, "origin": "files", "format": "off", "file": f"{object_}.off"}
+            products.write_json(record, {**source, "provenance": {}})
+
+
+def packed(check: Check, path: Path) -> None:
+    """Write a shard of refused objects with the library."""
+    import h5py
+
+    from vibraverse.config.dataset import ShardOptions
+    from vibraverse.contract import products
+    from vibraverse.dataset.write.pack import finish, pack_object
+
+    refuse_missing(check, path.stem)
+    options = ShardOptions.model_validate_json(check.plan.options("dataset", shard=path.stem))
+    with h5py.File(path, "w") as h5:
+        groups = h5.create_group("objects")
+        rows = [pack_object(groups, check.plan.paths, name, options, path.name) for name in options.objects]
+        finish(h5, rows)
+        products.write_provenance(h5, {"stage": "dataset", "libraries": {}})
+
+
+def indexed(check: Check, path: Path) -> None:
+    """Write the index, the refusals and the record of a dataset with the library."""
+    from vibraverse.contract import products
+    from vibraverse.dataset.read.reader import Reader
+    from vibraverse.dataset.write.columns import write_index
+    from vibraverse.dataset.write.summary import summary
+
+    shards = check.all_of("shard")
+    for shard in shards:
+        if not shard.exists():
+            packed(check, shard)
+    with Reader(shards) as reader:
+        write_index(check.at("index_columns"), reader.index)
+        materials = {name: one.model_dump() for name, one in check.plan.config.materials.items()}
+        record = {**summary(reader, {}), "materials": materials, "shards": {}}
+        products.write_json(check.at("dataset_record"), record)
+
+
+def bodies(check: Check) -> None:
+    """Write features of twelve objects, both bodies, in place of the shard's, and their splits."""
+    import numpy as np
+
+    random = np.random.default_rng(0)
+    (folder,) = check.all_of("features")
+    objects = [f"bar-{number:04d}" for number in range(12)]
+    count, modes = 2 * len(objects), 8
+    steel = {"density_kg_m3": 7850.0, "young_pa": 2e11, "poisson": 0.25}
+    spectra = np.sort(random.normal(size=(count, 3, modes)), axis=-1).astype(np.float32)
+    arrays = {
+        "points": random.uniform(-0.9, 0.9, (count, 512, 6)).astype(np.float32),
+        "invariants": random.uniform(1, 2, (count, 5)).astype(np.float32),
+        "log_omega": spectra,
+        "ritz": spectra[:, :, None] + np.array([0.3, 0.2, 0.1], np.float32)[:, None],
+        "frequencies_hz": 1000 * np.exp(spectra[:, :1]).astype(float),
+        "volume_m3": np.full(count, 1e-4),
+        "size_m": np.full(count, 0.1),
+        "thickness": np.tile([np.nan, 0.5], len(objects)),
+        "object_row": np.repeat(np.arange(len(objects)), 2),
+        "views": random.integers(0, 256, (len(objects), 2, 64, 64, 3), dtype=np.uint8),
+    }
+    for name, array in arrays.items():
+        np.save(folder / f"{name}.npy", array)
+    both = {"object": np.repeat(objects, 2).tolist(), "solidity": ["solid", "hollow"] * len(objects)}
+    both |= {"origin": ["generated"] * count, "family": ["bar"] * count}
+    record = {"bodies": both, "objects": objects, "materials": {"steel": steel}}
+    record |= {"poisson": [0.1, 0.25, 0.4], "ritz_degrees": [4, 6, 8]}
+    (folder / "features.json").write_text(json.dumps(record))
+    sides = ["train"] * 8 + ["validation"] * 2 + ["test"] * 2
+    lines = [f"{one}\t{side}\t\n" for one, side in zip(objects, sides, strict=True)]
+    check.at("splits").write_text("".join(["object\tsplit\tcopy_of\n", *lines]))
+
+
+def features(check: Check, path: Path) -> None:
+    """Write features of some bodies."""
+    path.mkdir(exist_ok=True)
+    bodies(check)
+
+
+def evaluation(check: Check, path: Path) -> None:
+    """Write the measures of a model, made from other data than the features."""
+    trained = next(one for one in check.plan.trainings() if check.at("evaluation", **one) == path)
+    options = json.loads(check.plan.training(SimpleNamespace(**trained)))
+    training = {"kind": "model", "preset": "tiny", "minutes": 1.0, "threads": 1, "hardware": "made up"}
+    about = {
+        "rows": [],
+        "right": {},
+        "training": training,
+        "config_hash": "0",
+        "data_sha256": "0",
+        "version": "0",
+    }
+    values = {**trained, "seed": int(trained["seed"]), **about, "provenance": {"options": options}}
+    path.write_text(json.dumps(values))
+
+
+def curves(check: Check, path: Path) -> None:
+    """Write the curves of a training of one step."""
+    path.write_text("step,loss,validation\n1,0.5,0.6\n")
+
+
+def answers(check: Check, path: Path) -> None:
+    """Write answers about no body."""
+    import numpy as np
+
+    with open(path, "wb") as file:
+        np.savez(file, body=np.array([], dtype=str))
+
+
+def results(check: Check, path: Path) -> None:
+    """Write the table of all models without a row."""
+    path.write_text(json.dumps({"rows": []}))
+
+
+#: Functions that write the products of other families' stages, by pattern.
+BY_HAND = {
+    "tets": tets,
+    "clean_record": clean_record,
+    "surface": surface,
+    "validation_meshes": known_meshes,
+    "validation_comparison": comparison,
+    "config": configuration,
+    "shard": packed,
+    "index_columns": indexed,
+    "dataset_record": indexed,
+    "features": features,
+    "splits": features,
+    "evaluation": evaluation,
+    "training_curves": curves,
+    "answers": answers,
+    "results_record": results,
+}

@@ -1,0 +1,48 @@
+"""A page in Chromium, which logs what it asks for and what goes wrong."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+CHROMIUM, DRIVER = shutil.which("chromium"), shutil.which("chromedriver")
+FLAGS = (
+    "--headless=new",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-background-networking",
+    "--disable-dev-shm-usage",
+    "--no-first-run",
+    "--disable-component-update",
+    "--disable-sync",
+    "--mute-audio",
+    "--autoplay-policy=no-user-gesture-required",
+)
+
+
+@contextmanager
+def opened(page: Path, profile: Path) -> Iterator:
+    """Open a page; yield the driver. The test is skipped where there is no browser."""
+    if not (CHROMIUM and DRIVER):
+        pytest.skip("Chromium and its driver are not installed (apt-get install chromium chromium-driver)")
+    from selenium import webdriver
+    from selenium.webdriver.chrome.service import Service
+
+    options = webdriver.ChromeOptions()
+    options.binary_location = CHROMIUM
+    for flag in (*FLAGS, f"--user-data-dir={profile}", "--window-size=1280,900"):
+        options.add_argument(flag)
+    options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
+    driver = webdriver.Chrome(options, Service(DRIVER))
+    try:
+        driver.set_script_timeout(20)
+        driver.get("about:blank")
+        driver.get_log("performance")  # what the browser's own start page asked for
+        driver.get(page.as_uri())
+        yield driver
+    finally:
+        driver.quit()

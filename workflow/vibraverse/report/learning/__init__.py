@@ -1,0 +1,1 @@
+"""The page of learning: tables, curves, errors, and sounds to compare."""
