@@ -1,0 +1,50 @@
+"""One training of a model on features, as plain data that a process started anew can read."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import torch
+
+from vibraverse.config.learn import RunOptions
+from vibraverse.learn.tasks import task_at
+from vibraverse.learn.train import Trained, train
+
+
+@dataclass(frozen=True)
+class Assignment:
+    """What is trained, and where.
+
+    ``features`` are the records of the features, ``splits`` is ``splits.tsv``, ``options`` are those of
+    :class:`RunOptions`, ``work`` is the folder of the checkpoints, ``facts`` see :func:`~vibraverse.learn.train.train`.
+    ``device`` is ``cpu`` or ``cuda``, ``threads`` are those of each process.
+    """
+
+    features: list[str]
+    splits: str
+    options: dict
+    work: str
+    facts: dict
+    device: str
+    threads: int
+
+    def task(self):
+        """Return the task; raise :class:`UsageError` for features that it cannot use."""
+        return task_at([Path(one) for one in self.features], Path(self.splits), RunOptions(**self.options))
+
+    def train(self, say: Callable[[str], None] = print) -> Trained:
+        """Train the model in this process, alone or among those that ``torchrun`` started; see ``train``."""
+        torch.set_num_threads(self.threads)
+        task = self.task()
+        options = task.options
+        return train(
+            task,
+            options.training,
+            self.work,
+            seed=options.seed,
+            facts=self.facts,
+            device=self.device,
+            say=say,
+        )
