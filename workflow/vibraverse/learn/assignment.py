@@ -30,16 +30,16 @@ class Assignment:
     device: str
     threads: int
 
-    def task(self):
-        """Return the task; raise :class:`UsageError` for features that it cannot use."""
-        return task_at([Path(one) for one in self.features], Path(self.splits), RunOptions(**self.options))
+    def train(self, say: Callable[[str], None] = print) -> tuple[Trained, dict[str, int]]:
+        """Train the model in this process, alone or among others; return it, and the number of bodies on each side.
 
-    def train(self, say: Callable[[str], None] = print) -> Trained:
-        """Train the model in this process, alone or among those that ``torchrun`` started; see ``train``."""
+        Raises as :func:`~vibraverse.learn.train.train` does, and :class:`UsageError` for features that the task cannot
+        use.
+        """
         torch.set_num_threads(self.threads)
-        task = self.task()
-        options = task.options
-        return train(
+        options = RunOptions(**self.options)
+        task = task_at([Path(one) for one in self.features], Path(self.splits), options)
+        trained = train(
             task,
             options.training,
             self.work,
@@ -48,3 +48,4 @@ class Assignment:
             device=self.device,
             say=say,
         )
+        return trained, {name: len(bodies) for name, bodies in task.sides.items()}

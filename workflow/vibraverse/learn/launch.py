@@ -37,10 +37,11 @@ _HANDLED, _NONE = "TORCHELASTIC_SIGNALS_TO_HANDLE", "SIGQUIT"
 _ERRORS = {kind.__name__: kind for kind in (NotStored, NotThere, UsageError)}
 
 
-def train_together(assignment: Assignment, processes: int, folder: Path) -> Trained:
-    """Train in several processes; raise as :func:`~vibraverse.learn.train.train` does.
+def train_together(assignment: Assignment, processes: int, folder: Path) -> tuple[Trained, dict[str, int]]:
+    """Train in several processes; return and raise what :meth:`Assignment.train` does.
 
-    ``folder`` is emptied. Raises :class:`NotThere` too if the system kills one of the processes.
+    ``folder`` is emptied. Raises :class:`NotThere` too if the system kills one of the processes. This process itself
+    uses no GPU.
     """
     choose(assignment.device, processes - 1)  # said before any process starts
     products.remove(folder)
@@ -49,10 +50,10 @@ def train_together(assignment: Assignment, processes: int, folder: Path) -> Trai
     agent = _agent(processes, folder)
     with _signals_passed_on(agent) as caught:
         result = agent.run()
-    trained = folder / rank.TRAINED
-    if not trained.is_file():
+    if not (folder / rank.TRAINED).is_file():
         raise _error(result, processes, folder, caught)
-    return Trained(**torch.load(trained, weights_only=True, map_location="cpu"))
+    found = torch.load(folder / rank.TRAINED, weights_only=True, map_location="cpu")
+    return Trained(**found["trained"]), found["bodies"]
 
 
 def _agent(processes: int, folder: Path) -> LocalElasticAgent:

@@ -27,9 +27,9 @@ def main(folder: Path, parent: int) -> int:
     rank = int(os.environ["RANK"])
     sys.stdout.reconfigure(line_buffering=True)  # all processes write into one log
     try:
-        trained = Assignment(**products.read_json(folder / ASSIGNMENT)).train()
+        trained, bodies = Assignment(**products.read_json(folder / ASSIGNMENT)).train()
         if rank == 0:
-            _write(folder / TRAINED, vars(trained))
+            _write(folder / TRAINED, {"trained": vars(trained), "bodies": bodies})
     except (NotStored, NotThere, UsageError) as error:
         said = {"kind": type(error).__name__, "message": str(error), "step": getattr(error, "step", None)}
         products.write_json(folder / ERROR.format(rank=rank), said)

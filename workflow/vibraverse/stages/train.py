@@ -27,10 +27,10 @@ def run(job: Job) -> None:
         device="cuda" if job.gpus else "cpu",
         threads=max(1, job.threads // processes),
     )
-    sides = assignment.task().sides
-    alone = processes == 1
-    trained = assignment.train() if alone else train_together(assignment, processes, job.work / "processes")
+    if processes == 1:
+        trained, bodies = assignment.train()
+    else:
+        trained, bodies = train_together(assignment, processes, job.work / "processes")
     torch.save({"best": trained.best, "last": trained.model}, job.outputs["model"])
     write_csv(job.outputs["curves"], trained.curves)
-    sizes = {name: len(bodies) for name, bodies in sides.items()}
-    job.write_record({"metrics": trained.metrics, "bodies": sizes, "threads": job.threads})
+    job.write_record({"metrics": trained.metrics, "bodies": bodies, "threads": job.threads})
