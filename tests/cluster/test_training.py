@@ -69,7 +69,7 @@ def test_a_training_that_slurm_ends_goes_on_and_gives_the_same(slurm, root, pyth
     run, record, only = training(tmp_path / "slurm", root, python, "slurm")
     process = run.start(*only, *QUICK[len(CHAIN) :], *ON_STAND_IN)
     job = wait_for(lambda: running("train"))[0]
-    assert call("squeue", "-h", "-j", job, "-o", "%P %b").stdout.split() == ["gpu", "gres/gpu:1"]
+    assert call("squeue", "-h", "-j", job, "-o", "%P %b").stdout.split() == ["gpu", "gres:gpu:1"]
     wait_for(lambda: list(record.parent.glob(".*/checkpoints/step-000000[2-9]*")))
     call("scancel", "--signal=TERM", job)
     wait_for(lambda: job not in running("train"))
