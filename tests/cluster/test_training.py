@@ -76,7 +76,7 @@ def test_a_training_that_slurm_ends_goes_on_and_gives_the_same(slurm, root, pyth
     assert not record.exists()
     log = run.folder / Paths().at(Paths().log("train", *TRAINING), **TRAINING)
     ended = log.read_text()
-    assert process.wait(300) == 0
+    assert process.wait(900) == 0
     assert "vibraverse: SIGTERM ended training after step " in ended
     step = int(ended.split("ended training after step ")[1].split()[0])
     assert 20 <= step < 150
