@@ -26,7 +26,7 @@ CONFIG = {
         "preset": "tiny", "seeds": [0], "splits": ["object"], "tasks": ["solidity"],
         "solidity": {
             "models": ["sound"],
-            "training": {"steps": 150, "batch_size": 8, "minutes": 60, "checkpoint_minutes": 0},
+            "training": {"steps": 600, "batch_size": 8, "minutes": 60, "checkpoint_minutes": 0.005},
         },
     },
 }  # fmt: skip
@@ -70,17 +70,17 @@ def test_a_training_that_slurm_ends_goes_on_and_gives_the_same(slurm, root, pyth
     process = run.start(*only, *QUICK[len(CHAIN) :], *ON_STAND_IN)
     job = wait_for(lambda: running("train"))[0]
     assert call("squeue", "-h", "-j", job, "-o", "%P %b").stdout.split() == ["gpu", "gres:gpu:1"]
-    wait_for(lambda: list(record.parent.glob(".*/checkpoints/step-000000[2-9]*")))
+    wait_for(lambda: list(record.parent.glob(".*/checkpoints/step-*")), 600)
     call("scancel", "--signal=TERM", job)
-    wait_for(lambda: job not in running("train"))
+    wait_for(lambda: job not in running("train"), 600)
     assert not record.exists()
     log = run.folder / Paths().at(Paths().log("train", *TRAINING), **TRAINING)
     ended = log.read_text()
     assert process.wait(900) == 0
     assert "vibraverse: SIGTERM ended training after step " in ended
     step = int(ended.split("ended training after step ")[1].split()[0])
-    assert 20 <= step < 150
-    assert f"training goes on after step {step} of 150" in log.read_text()
+    assert 0 < step < 600
+    assert f"training goes on after step {step} of 600" in log.read_text()
     made, same = products.read_json(record), products.read_json(expected)
     assert (made["metrics"]["interruptions"], same["metrics"]["interruptions"]) == (1, 0)
     for name in ("steps", "loss", "validation", "best"):
