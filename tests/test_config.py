@@ -57,6 +57,10 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             {"dataset": {"shard": 3}},
             "unknown key 'dataset.shard'; did you mean 'shards'? (known: shards, splits, ",
         ),
+        (
+            {"learn": {"gpus": 3}},
+            "learn: frequencies.training.batch_size is 16, which 3 GPUs cannot share equally; make it a multiple",
+        ),
         ({"sources": {"files": [{"pat": "x"}]}}, "unknown key 'sources.files[0].pat'; did you mean 'path'?"),
         ({"sources": {"files": [{"path": "a"}, {}]}}, "sources.files[1].path is missing"),
         (

@@ -42,6 +42,7 @@ NO_COMMANDS = {
     "vibraverse: ": "what a command answers",
     "path,id,size_m": "a manifest",
     "rule train:": "a rule",
+    "set-resources:": "lines of a profile",
 }
 #: Words that a command of the documents may begin with.
 FIRST_WORDS = (

@@ -68,7 +68,7 @@ def jobs() -> list[tuple[str, str]]:
     for path in sorted((WORKFLOW / "rules").glob("*.smk")):
         for rule in re.split(r"^ *rule ", path.read_text(), flags=re.MULTILINE)[1:]:
             stage, environment = (
-                re.search(r'"(?:{params.claim})?vibraverse (\w+)', rule),
+                re.search(r'"vibraverse (\w+)', rule),
                 re.search(r"envs/(\w+)\.yaml", rule),
             )
             if stage and environment and source(f"vibraverse.stages.{stage[1]}"):

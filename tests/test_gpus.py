@@ -134,6 +134,17 @@ def test_temporary_folders_of_ones_own_do_not_matter(tmp_path, monkeypatch):
     assert gpus._folder().stat().st_mode & 0o777 == 0o700
 
 
+def test_none_claimed_is_none_seen(two):
+    seen = f"import os; print(repr(os.environ['{gpus.VISIBLE}']))"
+    done = subprocess.run(
+        [*COMMAND, "--claim", "0", sys.executable, "-c", seen], capture_output=True, text=True
+    )
+    assert done.stdout == "''\n", done.stderr
+    with gpus.Claim(0) as none:
+        assert none == []
+        assert not any(map(gpus.claimed, gpus.visible()))
+
+
 def test_mistakes_in_the_command(two, capsys):
     assert cli.main(["gpus", "--claim", "1"]) == 2
     assert cli.main(["gpus", "train"]) == 2

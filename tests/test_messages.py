@@ -280,7 +280,7 @@ COMMANDS = [
     ),
     (("export", "{dataset}", "--format", "webdataset", "--parquet", "-o", "new"), ("--parquet",), "has no meaning"),
     (("gpus", "true"), ("GPUs",), "does not say how many"),
-    (("gpus", "--claim", "0", "true"), ("--claim",), "must be at least 1"),
+    (("gpus", "--claim", "-1", "true"), ("--claim",), "must be 0 or more"),
     (("submit", "--slices", "0", "--configfile", "{config}"), ("--slices", "0"), "must be at least 1"),
     (("submit", "--slices", "2", "--configfile", "{config}", "--profile", "gone"), ("gone",), "is not a profile"),
     (("submit", "--slices", "2", "--configfile", "gone.yaml"), ("gone.yaml",), "does not exist"),

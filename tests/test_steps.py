@@ -134,7 +134,7 @@ def test_a_rule_says_what_its_step_says(rules, name):
     assert f"vibraverse-{step.family}-" in rule["container"]
     assert rule["params"]["version"] == str(step.version)
     assert ("options" in rule["params"]) == bool(step.options)
-    words = rule["shell"].removeprefix("{params.claim}").split()
+    words = rule["shell"].removeprefix("exec vibraverse gpus --claim {resources.gpu} -- ").split()
     assert words[:2] == ["vibraverse", name]
     for wildcard in step.wildcards if step.per in (OBJECT, BODY) else ():
         flag = f"--{wildcard} {{wildcards.{wildcard}}}"

@@ -32,17 +32,27 @@ TINY = {
 
 
 class Run:
-    """A folder in which the workflow runs with a configuration that a test may change: a dictionary, or bytes."""
+    """A folder in which the workflow runs with a configuration that a test may change: a dictionary, or bytes.
 
-    def __init__(self, folder: Path, root: Path, config: dict | None = None, profile: str = "default"):
-        self.folder, self.root, self.profile = folder, root, profile
+    ``python`` is that of the environment in which it runs.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        root: Path,
+        config: dict | None = None,
+        profile: str = "default",
+        python: str = sys.executable,
+    ):
+        self.folder, self.root, self.profile, self.python = folder, root, profile, python
         self.config = copy.deepcopy(config or TINY)
 
     def command(self, *arguments: str) -> list[str]:
         config = self.config if isinstance(self.config, bytes) else yaml.safe_dump(self.config).encode()
         (self.folder / "config.yaml").write_bytes(config)
         return [
-            sys.executable, "-m", "snakemake", "--snakefile", str(self.root / "Snakefile"),
+            self.python, "-m", "snakemake", "--snakefile", str(self.root / "Snakefile"),
             "--directory", str(self.folder),
             "--workflow-profile", str(self.root / "workflow/profiles" / self.profile),
             *([] if "slurm" in self.profile else ["--cores", "2"]), *arguments,
@@ -50,8 +60,8 @@ class Run:
 
     @property
     def environment(self) -> dict[str, str]:
-        """The environment with this interpreter's commands first, since rules call ``vibraverse``: that of ``root``."""
-        path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+        """The environment with the interpreter's commands first, since rules call ``vibraverse``: that of ``root``."""
+        path = f"{Path(self.python).parent}{os.pathsep}{os.environ['PATH']}"
         return {**os.environ, "PATH": path, "PYTHONPATH": str(self.root / "workflow")}
 
     def __call__(self, *arguments: str, check: bool = True) -> subprocess.CompletedProcess:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import subprocess
+import time
 from pathlib import Path
 
 from workflow_runs import TINY
@@ -31,3 +32,20 @@ def call(*command: str, **options) -> subprocess.CompletedProcess:
 def slurm_script(*arguments: str) -> None:
     """Start, stop or disturb the test's Slurm."""
     call(str(HERE / "slurm.sh"), *arguments)
+
+
+def wait_for(what, seconds: float = 120):
+    """Return ``what()`` as soon as it is true."""
+    until = time.monotonic() + seconds
+    while time.monotonic() < until:
+        found = what()
+        if found:
+            return found
+        time.sleep(0.2)
+    raise AssertionError(f"waited {seconds} s in vain")
+
+
+def running(rule: str) -> list[str]:
+    """Return the ids of a rule's running jobs."""
+    lines = call("squeue", "-h", "-t", "RUNNING", "-o", "%i|%k").stdout.splitlines()
+    return [line.split("|")[0] for line in lines if rule in line.split("|")[1]]

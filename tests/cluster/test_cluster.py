@@ -7,11 +7,10 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
-from cluster_runs import CHAIN, HOLLOW, QUICK, call, slurm_script
+from cluster_runs import CHAIN, HOLLOW, QUICK, call, running, slurm_script, wait_for
 
 from stand_ins import stub
 from workflow_runs import Run
@@ -46,23 +45,6 @@ rule train:
 def queue(*options: str) -> list[str]:
     """Return the jobs in the queue, as ``squeue`` lists them."""
     return call("squeue", "-h", *options).stdout.split()
-
-
-def wait_for(what, seconds: float = 120):
-    """Return ``what()`` as soon as it is true."""
-    until = time.monotonic() + seconds
-    while time.monotonic() < until:
-        found = what()
-        if found:
-            return found
-        time.sleep(0.2)
-    raise AssertionError(f"waited {seconds} s in vain")
-
-
-def running(rule: str) -> list[str]:
-    """Return the ids of a rule's running jobs."""
-    lines = call("squeue", "-h", "-t", "RUNNING", "-o", "%i|%k").stdout.splitlines()
-    return [line.split("|")[0] for line in lines if rule in line.split("|")[1]]
 
 
 def state(job: str) -> str:

@@ -7,10 +7,10 @@ hollow body has lower first and higher last ones. So a network can learn them, a
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import trimesh
 
 from vibraverse.config.learn import Features
 from vibraverse.contract import products
@@ -31,9 +31,17 @@ def sides_of(object_: str) -> np.ndarray:
     return np.sort(rng(object_, "sides").uniform(0.4, 1.8, size=3))[::-1] / 1.0
 
 
-def mesh_of(object_: str) -> trimesh.Trimesh:
-    """Return the surface of an object's bodies."""
+def mesh_of(object_: str):
+    """Return the surface of an object's bodies, as trimesh makes it."""
+    import trimesh
+
     return trimesh.creation.box(sides_of(object_)).subdivide()
+
+
+def box_of(object_: str, solidity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertices and faces of an object's box, the same for both bodies."""
+    mesh = mesh_of(object_)
+    return mesh.vertices, mesh.faces
 
 
 def volume_of(object_: str) -> float:
@@ -41,32 +49,37 @@ def volume_of(object_: str) -> float:
     return 0.02 * float(np.prod(sides_of(object_))) / 1.8**3
 
 
-def log_omega(sides: np.ndarray, solidity: str, poisson: np.ndarray) -> np.ndarray:
+def log_omega(sides: np.ndarray, solidity: str, poisson: np.ndarray, modes: int = MODES) -> np.ndarray:
     """Return the logarithms (k, m) of the lowest waves of a box of these sides, at Poisson's ratios (k,)."""
     numbers = np.stack(np.meshgrid(*[np.arange(6)] * 3), axis=-1).reshape(-1, 3)[1:]
-    waves = np.sort(np.linalg.norm(np.pi * numbers / sides, axis=1) * np.cbrt(np.prod(sides)))[:MODES]
-    waves = waves * (np.linspace(0.6, 1.2, MODES) if solidity == "hollow" else 1.0)
+    waves = np.sort(np.linalg.norm(np.pi * numbers / sides, axis=1) * np.cbrt(np.prod(sides)))[:modes]
+    waves = waves * (np.linspace(0.6, 1.2, modes) if solidity == "hollow" else 1.0)
     return np.log(waves) + 0.1 * (0.25 - poisson)[:, None]
 
 
 def write(
-    folder: Path, objects: list[str], solidities=("solid", "hollow"), options: Features = OPTIONS
+    folder: Path,
+    objects: list[str],
+    solidities=("solid", "hollow"),
+    options: Features = OPTIONS,
+    surface: Callable[[str, str], tuple[np.ndarray, np.ndarray]] = box_of,
+    modes: int = MODES,
 ) -> Path:
-    """Write the features of one shard into a folder."""
+    """Write the features of one shard into a folder; ``surface`` makes vertices and faces of an object's body."""
     folder.mkdir(parents=True)
     bodies = [(object_, solidity) for object_ in objects for solidity in solidities]
     poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
     rows: dict[str, list] = {}
     for object_, solidity in bodies:
         sides = sides_of(object_)
-        mesh = mesh_of(object_)
-        values = log_omega(sides, solidity, poisson)
+        vertices, faces = surface(object_, solidity)
+        values = log_omega(sides, solidity, poisson, modes)
         at = np.array(
             [[np.interp(one["poisson"], poisson, mode) for mode in values.T] for one in MATERIALS.values()]
         )
         stiff = [[one[name] for one in MATERIALS.values()] for name in ("young_pa", "density_kg_m3")]
         for name, value in {
-            **shape_arrays(mesh.vertices, mesh.faces, object_, solidity, MODES, options),
+            **shape_arrays(vertices, faces, object_, solidity, modes, options),
             "log_omega": values.astype(np.float32),
             "frequencies_hz": np.exp(at) * unit_hz(volume_of(object_), *map(np.array, stiff))[:, None],
             "volume_m3": volume_of(object_),

@@ -131,6 +131,8 @@ def test_nothing_is_left_to_do_and_a_new_seed_trains_alone(learnt):
     learnt("learn")  # another test may have trained a model anew
     assert learnt.plan("learn")[0] == {}
     before = learnt.config
+    learnt.config = {**before, "learn": {**before["learn"], "gpus": 2}}  # makes no model anew
+    assert learnt.plan("learn")[0] == {}
     learnt.config = {**before, "learn": {**before["learn"], "seeds": [0, 1]}}
     jobs, _ = learnt.plan("learn")
     everything, _ = learnt.plan()  # the report links the page of learning, and must not make it

@@ -179,6 +179,8 @@ def _parser(step: Step):
     if step.options:
         parser.add_argument("--options", default="{}", metavar="JSON", help="the stage's configuration block")
     parser.add_argument("--threads", type=int, default=1, metavar="N", help="threads to use (default 1)")
+    if step.gpus:
+        parser.add_argument("--gpus", type=int, default=0, metavar="N", help="GPUs to use (default 0)")
     return parser
 
 
@@ -219,6 +221,7 @@ def _run_stage(step: Step, argv: list[str]) -> None:
         final=named("outputs", step.outputs),
         options=options,
         threads=values["threads"],
+        gpus=values.get("gpus", 0),
     )
     work = importlib.import_module(f"vibraverse.stages.{step.name}").run
     run(job, work, ["vibraverse", step.name, *argv])

@@ -16,7 +16,8 @@ def main(argv: list[str]) -> int:
         prog="vibraverse gpus",
         usage="vibraverse gpus [--claim N [--wait S] COMMAND …]",
         description="List the GPUs that this process may use, or run a command with N of them that no other such "
-        "command has. It sees only those (CUDA_VISIBLE_DEVICES), and has them until it and what it started end.",
+        "command has. It sees only those (CUDA_VISIBLE_DEVICES), or none for 0, and has them until it and what it "
+        "started end.",
     )
     parser.add_argument("--claim", type=int, metavar="N", help="how many the command gets")
     parser.add_argument(
@@ -35,9 +36,9 @@ def main(argv: list[str]) -> int:
                 "the command does not say how many GPUs it needs; write `vibraverse gpus --claim 1 COMMAND …`"
             )
         return _list()
-    if chosen.claim < 1 or not command:
+    if chosen.claim < 0 or not command:
         raise UsageError(
-            "--claim must be at least 1 and needs a command after it; write `vibraverse gpus --claim 1 COMMAND …`"
+            "--claim must be 0 or more and needs a command after it; write `vibraverse gpus --claim 1 COMMAND …`"
         )
     try:
         with gpus.Claim(chosen.claim, chosen.wait, inherited=True):

@@ -124,8 +124,9 @@ class RunOptions(Section):
     preset: str = "cpu"
     """Preset that the settings come from."""
 
-    gpus: int = Field(0, exclude=True)
-    """GPUs of the training; 0: the processor."""
+    processes: int = Field(1, ge=1, le=8, exclude=True)
+    """Processes that train together on the processor, to try without GPUs what several GPUs do; the workflow leaves it
+    at 1."""
 
     training: Training = Training()
     """How the model is trained."""
@@ -157,8 +158,8 @@ class Learn(Section):
     leave_out: list[str] = Field(default_factory=list)
     """Families that are neither trained on nor tested; folds stay those of all families. Shows what a family brings."""
 
-    gpus: int = Field(0, ge=0, le=1)
-    """GPUs of one training: 1, or 0 for the processor."""
+    gpus: int = Field(0, ge=0, le=8)
+    """GPUs of one training, on one host; 0: the processor. Each takes an equal part of ``batch_size``."""
 
     features: Features = Features()
     """Arrays that training reads."""
@@ -180,6 +181,12 @@ class Learn(Section):
                 raise ValueError(
                     f"{name}.network.points: the network asks for {options.network.points} points of "
                     f"{self.features.points}; lower it, or raise learn.features.points"
+                )
+            batch = options.training.batch_size
+            if self.gpus and batch % self.gpus:
+                raise ValueError(
+                    f"{name}.training.batch_size is {batch}, which {self.gpus} GPUs cannot share equally; make it a "
+                    "multiple of learn.gpus, or change learn.gpus"
                 )
         return self
 
@@ -215,7 +222,6 @@ class Learn(Section):
             hold_out=self.hold_out,
             leave_out=self.leave_out,
             preset=self.preset,
-            gpus=self.gpus,
             training={**preset["training"], **own.training},
             network={**preset["network"], **own.network},
         )

@@ -48,6 +48,7 @@ class Job:
     final: dict[str, Path]
     options: BaseModel | None
     threads: int = 1
+    gpus: int = 0
     outputs: dict[str, Path] = field(default_factory=dict)
     afterwards: list[Callable[[], None]] = field(default_factory=list)
 

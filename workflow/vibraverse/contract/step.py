@@ -81,7 +81,7 @@ class Step:
     is the output that states the provenance. ``options`` is its configuration section, as ``module:Class`` below
     ``vibraverse.config``. ``libraries`` are the distributions whose versions products state. ``imports`` are the
     modules that its work loads. ``packed`` is the path of its record within an object's group of a shard. Without
-    ``passes_refusals`` the stage reads refused inputs itself.
+    ``passes_refusals`` the stage reads refused inputs itself. With ``gpus`` it can use GPUs, and is told their number.
     """
 
     name: str
@@ -98,6 +98,7 @@ class Step:
     only: str = ""
     packed: str = ""
     passes_refusals: bool = True
+    gpus: bool = False
     wildcards: tuple[str, ...] = field(init=False, default=())
 
     def __post_init__(self):

@@ -53,6 +53,7 @@ LEARNING_STEPS = (
         options="learn:RunOptions",
         libraries=("numpy", "torch", "torchvision", "ocnn"),
         passes_refusals=False,
+        gpus=True,
     ),
     Step(
         name="evaluate",

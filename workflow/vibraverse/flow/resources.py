@@ -17,9 +17,9 @@ CLASSES = {
 }
 
 
-def memory(kind: str):
-    """Return the memory in MB of a class, as a function of the attempt."""
-    return lambda wildcards, attempt: CLASSES[kind][0] * 2 ** (attempt - 1)
+def memory(kind: str, processes: int = 1):
+    """Return the memory in MB of a class, for each of some processes, as a function of the attempt."""
+    return lambda wildcards, attempt: processes * CLASSES[kind][0] * 2 ** (attempt - 1)
 
 
 def minutes(kind: str):

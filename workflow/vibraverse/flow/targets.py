@@ -59,12 +59,6 @@ def baselines(plan: Plan) -> list[str]:
     ]
 
 
-def gpu_claim(plan: Plan) -> str:
-    """Return the beginning of a training's command that claims its GPUs; "" where it runs on the processor."""
-    count = plan.config.learn.gpus
-    return f"vibraverse gpus --claim {count} -- " if count else ""
-
-
 def kept_splits(plan: Plan) -> list[str]:
     """Return the splits table of an earlier dataset, if the configuration keeps one."""
     kept = plan.config.dataset.keep_splits

@@ -122,7 +122,7 @@ def choose(device: str | torch.device | None = None, local_rank: int | None = No
             f"{local_rank + 1} processes on this host" if local_rank is not None else f"the GPU {chosen}"
         )
         raise NotThere(
-            f"{several} asked for, but PyTorch finds {found} GPU{'s' * (found > 1)} here, counted from cuda:0; start "
-            f"{found} with torchrun --nproc-per-node, or name another device"
+            f"{several} asked for, but PyTorch finds {found} GPU{'s' * (found > 1)} here, counted from cuda:0; lower "
+            f"learn.gpus to {found}, or name another device"
         )
     return torch.device("cuda", number)

@@ -119,9 +119,9 @@ def claimed(gpu: GPU) -> bool:
 class Claim:
     """A context that holds ``count`` GPUs, the idlest unclaimed ones; it waits up to ``patience`` seconds for them.
 
-    Within it, ``CUDA_VISIBLE_DEVICES`` lists them by UUID. Enter it before CUDA starts. With ``inherited``, a program
-    that this process executes keeps holding them, and so do its children. Raises :class:`NoGPU` if there are too few,
-    or if too few are freed in time.
+    Within it, ``CUDA_VISIBLE_DEVICES`` lists them by UUID; for a count of 0 it is empty. Enter it before CUDA starts.
+    With ``inherited``, a program that this process executes keeps holding them, and so do its children. Raises
+    :class:`NoGPU` if there are too few, or if too few are freed in time.
     """
 
     def __init__(self, count: int = 1, patience: float = float("inf"), inherited: bool = False):
@@ -129,6 +129,13 @@ class Claim:
         self._handles: list[int] = []
 
     def __enter__(self) -> list[GPU]:
+        gpus = self._wait() if self._count else []
+        self._before = {name: os.environ.get(name) for name in (VISIBLE, CLAIMED)}
+        os.environ[VISIBLE] = os.environ[CLAIMED] = ",".join(gpu.uuid for gpu in gpus)
+        return gpus
+
+    def _wait(self) -> list[GPU]:
+        """Return the GPUs as soon as they are claimed."""
         gpus = enough_of(self._count)
         mine = set(filter(None, os.environ.get(CLAIMED, "").split(",")))
         if mine and mine >= {gpu.uuid for gpu in gpus}:
@@ -149,8 +156,6 @@ class Claim:
                 said = True
             time.sleep(_POLL_INTERVAL_S)
             gpus = visible()
-        self._before = {name: os.environ.get(name) for name in (VISIBLE, CLAIMED)}
-        os.environ[VISIBLE] = os.environ[CLAIMED] = ",".join(gpu.uuid for gpu in gpus)
         return gpus
 
     def _take(self, gpus: Iterable[GPU]) -> list[GPU]:

@@ -10,28 +10,27 @@ from vibraverse.contract.stage import Job
 
 def run(job: Job) -> None:
     """Train, and write the weights, the curves and how it went."""
-    from dataclasses import asdict
-
     import torch
 
+    from vibraverse.learn.assignment import Assignment
     from vibraverse.learn.curves import write_csv
-    from vibraverse.learn.tasks import task_at
-    from vibraverse.learn.train import train
+    from vibraverse.learn.launch import train_together
 
-    torch.set_num_threads(job.threads)
     options = job.options
-    task = task_at(job.inputs["features"], job.inputs["splits"], options)
-    trained = train(
-        task,
-        options.training,
-        job.work / "checkpoints",
-        seed=options.seed,
+    processes = job.gpus or options.processes
+    assignment = Assignment(
+        features=[str(one) for one in job.inputs["features"]],
+        splits=str(job.inputs["splits"]),
+        options=options.model_dump(mode="json"),
+        work=str(job.work / "checkpoints"),
         facts={"made of": job.provenance()},
-        device="cuda" if options.gpus else "cpu",
+        device="cuda" if job.gpus else "cpu",
+        threads=max(1, job.threads // processes),
     )
-    weights = {"best": trained.best, "last": trained.model}
-    torch.save(weights, job.outputs["model"])
+    if processes == 1:
+        trained, about = assignment.train()
+    else:
+        trained, about = train_together(assignment, processes, job.work / "processes")
+    torch.save({"best": trained.best, "last": trained.model}, job.outputs["model"])
     write_csv(job.outputs["curves"], trained.curves)
-    sizes = {name: len(bodies) for name, bodies in task.sides.items()}
-    record = {"metrics": trained.metrics, "bodies": sizes, "threads": job.threads}
-    job.write_record({**record, "features": asdict(task.samples.layout())})
+    job.write_record({"metrics": trained.metrics, "threads": job.threads, **about})
