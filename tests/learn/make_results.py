@@ -85,10 +85,10 @@ class Made:
         options = Learn(preset=preset, hold_out=list(hold_out)).run(task, split, model, seed)
         made = task_at(self.features, self.folder / "dataset/splits.tsv", options)
         with fast_intervals():
-            answers, rows = judged(made, _answers(made, wrong, seed))
+            found = judged(made, _answers(made, wrong, seed))
         place = self.folder / f"learn/{task}/{split}/{model}/seed-{seed}"
         place.mkdir(parents=True)
-        np.savez(place / "answers.npz", **answers)
+        np.savez(place / "answers.npz", **found.answers)
         steps = [
             dict.fromkeys(("gradient_norm", "samples_per_s", "waiting_share"))
             | {"step": step, "learning_rate": 1e-3, "loss": 3.0 / (step + seed + 1)}
@@ -103,7 +103,7 @@ class Made:
             "threads": 2,
             "hardware": "a <fast> one",
         }
-        record = evaluation(options, model, rows, training, data_of or self.provenance)
+        record = evaluation(options, model, found, training, data_of or self.provenance)
         record["provenance"] = {"options": options.model_dump(mode="json")}
         products.write_json(place / "metrics.json", record)
         self.evaluations.append(place / "metrics.json")
@@ -118,7 +118,7 @@ class Made:
         about = {"kind": "baseline", "preset": "", "hardware": "a <fast> one", "threads": 1, "minutes": 0.01}
         with fast_intervals():
             fitted = list(islice(baselines(made), count))
-        found = [evaluation(options, name, rows, about, self.provenance) for name, _, rows in fitted]
+        found = [evaluation(options, name, one, about, self.provenance) for name, _, one in fitted]
         path = self.folder / f"learn/{task}/{split}/baselines.json"
         products.write_json(path, {"evaluations": found})
         self.baselines.append(path)

@@ -83,9 +83,9 @@ def test_the_mean_spectrum_is_the_baseline_of_that_name(tmp_path):
             for row in task.judge(sides["test"], {"found_hz": found})
             if row["source"] == "all"
         }
-        rows = next(rows for name, _, rows in baselines(task) if name == "mean spectrum")
+        fitted = next(one for name, _, one in baselines(task) if name == "mean spectrum")
     baseline = {
-        row["measure"]: row["value"] for row in rows if (row["source"], row["side"]) == ("all", "test")
+        row["measure"]: row["value"] for row in fitted.rows if (row["source"], row["side"]) == ("all", "test")
     }
     assert own == pytest.approx(baseline, rel=1e-9)
 
