@@ -92,7 +92,7 @@ class Check:
                     "seeds": [0],
                     "splits": ["object"],
                     "features": {"points": 512},
-                    "frequencies": {"models": ["ritz"], "training": {"steps": 3}},
+                    "frequencies": {"models": ["ritz", "subspace"], "training": {"steps": 3}},
                     "solidity": {"models": ["informed"], "training": {"steps": 3}},
                 },
             }
@@ -335,11 +335,16 @@ def bodies(check: Check) -> None:
     """Write features of twelve objects, both bodies, in place of the shard's, and their splits."""
     import numpy as np
 
+    from vibraverse.learn.features import write_meshes
+    from vibraverse.learn.inside import describe
+
     random = np.random.default_rng(0)
     (folder,) = check.all_of("features")
     objects = [f"bar-{number:04d}" for number in range(12)]
     count, modes = 2 * len(objects), 8
     steel = {"density_kg_m3": 7850.0, "young_pa": 2e11, "poisson": 0.25}
+    mesh = describe(*box(2))
+    write_meshes(folder, [mesh] * count)
     spectra = np.sort(random.normal(size=(count, 3, modes)), axis=-1).astype(np.float32)
     arrays = {
         "points": random.uniform(-0.9, 0.9, (count, 512, 6)).astype(np.float32),
@@ -347,6 +352,7 @@ def bodies(check: Check) -> None:
         "log_omega": spectra,
         "ritz": spectra[:, :, None] + np.array([0.3, 0.2, 0.1], np.float32)[:, None],
         "frequencies_hz": 1000 * np.exp(spectra[:, :1]).astype(float),
+        "scales": np.tile(mesh["scales"], (count, 1)),
         "volume_m3": np.full(count, 1e-4),
         "size_m": np.full(count, 0.1),
         "thickness": np.tile([np.nan, 0.5], len(objects)),

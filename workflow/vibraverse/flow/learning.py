@@ -17,7 +17,7 @@ _SAMPLES = {
 LEARNING_STEPS = (
     Step(
         name="features",
-        version=2,
+        version=3,
         help="write the arrays of one shard that training reads",
         per=SHARD,
         family="learn",
@@ -37,7 +37,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="train",
-        version=2,
+        version=3,
         help="train one model of a benchmark task",
         per=TRAINING,
         family="learn",
@@ -51,12 +51,12 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "torch", "torchvision", "ocnn"),
+        libraries=("numpy", "scipy", "torch", "torchvision", "ocnn"),
         passes_refusals=False,
     ),
     Step(
         name="evaluate",
-        version=2,
+        version=3,
         help="compare a trained model's answers with the truth",
         per=TRAINING,
         family="learn",
@@ -71,7 +71,7 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "scipy", "torch", "torchvision", "ocnn"),
+        libraries=("numpy", "scipy", "scikit-fem", "torch", "torchvision", "ocnn"),
         passes_refusals=False,
     ),
     Step(

@@ -17,6 +17,8 @@ TASKS = {
     "frequencies": "frequencies:Frequencies",
     "solidity": "solidity:Solidity",
 }
+#: Task and model -> class of a model that wants other samples than the rest of its task.
+OWN = {("frequencies", "subspace"): "subspace:SubspaceTask"}
 
 
 def task_at(features: Sequence[Path], splits: Path, options):
@@ -38,7 +40,7 @@ def task_at(features: Sequence[Path], splits: Path, options):
         raise UsageError(f"learn: {error}") from None
     except ValueError as error:
         raise UsageError(f"{splits}: {error}") from None
-    module, _, name = TASKS[options.task].partition(":")
+    module, _, name = OWN.get((options.task, options.model), TASKS[options.task]).partition(":")
     return getattr(importlib.import_module(f"vibraverse.learn.tasks.{module}"), name)(
         samples, chosen, options
     )
