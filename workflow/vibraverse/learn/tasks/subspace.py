@@ -35,6 +35,8 @@ from vibraverse.physics.materials import lame
 DEGREE, EQUAL = 4, 6
 #: Bodies whose fields are in memory at once.
 _TOGETHER = 4
+#: Most points of a body in a step; `network.points` are points on surfaces, which cost less.
+_POINTS = 1024
 #: Points for validation, as a multiple of those for a step: the fewer, the lower a Ritz value that fits them.
 _MORE = 4
 
@@ -157,7 +159,7 @@ class SubspaceTask(Frequencies):
     def dataset(self, split: str, material: int = 0, answered: bool = False) -> Insides:
         """Return the bodies of a side; those of ``train`` are drawn anew in each epoch, others have one material."""
         bodies = Bodies(self.samples, self.sides[split], material)
-        points = self.options.network.points * (1 if split == TRAIN else _MORE)
+        points = min(self.options.network.points, _POINTS) * (1 if split == TRAIN else _MORE)
         return Insides(bodies, points, self.seed(split), answered)
 
     def prepare(self, batch: dict, device) -> dict:
@@ -178,11 +180,12 @@ class SubspaceTask(Frequencies):
         if not batch["answered"].all():
             return {"found": model(batch), "true": batch["log_omega"]}
         found, seconds = [], []
-        codes = model.codes(batch["places"], batch["scalars"])
-        for number, body in enumerate(batch["body"].tolist()):
-            began = time.process_time()
-            found.append(self.on_tetrahedra(model, codes[number : number + 1], body))
-            seconds.append(time.process_time() - began)
+        with exact(batch["places"].device):
+            codes = model.codes(batch["places"], batch["scalars"])
+            for number, body in enumerate(batch["body"].tolist()):
+                began = time.process_time()
+                found.append(self.on_tetrahedra(model, codes[number : number + 1], body))
+                seconds.append(time.process_time() - began)
         return {"found": torch.tensor(np.stack(found)), "seconds": torch.tensor(seconds)}
 
     def on_tetrahedra(self, model: Subspace, codes: torch.Tensor, body: int) -> np.ndarray:
