@@ -136,11 +136,13 @@ def bodies(check: Check) -> None:
     """Write features of twelve objects, both bodies, in place of the shard's, and their splits."""
     import numpy as np
 
-    random = np.random.default_rng(0)
-    (folder,) = check.all_of("features")
+    from vibraverse.learn import features, inside
+
+    random, (folder,) = np.random.default_rng(0), check.all_of("features")
     objects = [f"bar-{number:04d}" for number in range(12)]
     count, modes = 2 * len(objects), 8
-    steel = {"density_kg_m3": 7850.0, "young_pa": 2e11, "poisson": 0.25}
+    steel, mesh = {"density_kg_m3": 7850.0, "young_pa": 2e11, "poisson": 0.25}, inside.describe(*box(2))
+    features.write_meshes(folder, [mesh] * count)
     spectra = np.sort(random.normal(size=(count, 3, modes)), axis=-1).astype(np.float32)
     arrays = {
         "points": random.uniform(-0.9, 0.9, (count, 512, 6)).astype(np.float32),
@@ -148,8 +150,8 @@ def bodies(check: Check) -> None:
         "log_omega": spectra,
         "ritz": spectra[:, :, None] + np.array([0.3, 0.2, 0.1], np.float32)[:, None],
         "frequencies_hz": 1000 * np.exp(spectra[:, :1]).astype(float),
-        "volume_m3": np.full(count, 1e-4),
-        "size_m": np.full(count, 0.1),
+        "scales": np.tile(mesh["scales"], (count, 1)),
+        **dict.fromkeys(("volume_m3", "size_m"), np.full(count, 0.1)),
         "thickness": np.tile([np.nan, 0.5], len(objects)),
         "object_row": np.repeat(np.arange(len(objects)), 2),
         "views": random.integers(0, 256, (len(objects), 2, 64, 64, 3), dtype=np.uint8),
@@ -158,12 +160,10 @@ def bodies(check: Check) -> None:
         np.save(folder / f"{name}.npy", array)
     both = {"object": np.repeat(objects, 2).tolist(), "solidity": ["solid", "hollow"] * len(objects)}
     both |= {"origin": ["generated"] * count, "family": ["bar"] * count}
-    record = {"bodies": both, "objects": objects, "materials": {"steel": steel}}
-    record |= {"poisson": [0.1, 0.25, 0.4], "ritz_degrees": [4, 6, 8]}
-    (folder / "features.json").write_text(json.dumps(record))
-    sides = ["train"] * 8 + ["validation"] * 2 + ["test"] * 2
-    lines = [f"{one}\t{side}\t\n" for one, side in zip(objects, sides, strict=True)]
-    check.at("splits").write_text("".join(["object\tsplit\tcopy_of\n", *lines]))
+    named = {"objects": objects, "materials": {"steel": steel}, "poisson": [0.1, 0.25, 0.4]}
+    (folder / "features.json").write_text(json.dumps({"bodies": both, "ritz_degrees": [4, 6, 8], **named}))
+    lines = "".join(map("{}\t{}\t\n".format, objects, ["train"] * 8 + ["validation"] * 2 + ["test"] * 2))
+    check.at("splits").write_text(f"object\tsplit\tcopy_of\n{lines}")
 
 
 def features(check: Check, path: Path) -> None:

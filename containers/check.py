@@ -76,7 +76,7 @@ class Check:
                     "seeds": [0],
                     "splits": ["object"],
                     "features": {"points": 512},
-                    "frequencies": {"models": ["ritz"], "training": {"steps": 3}},
+                    "frequencies": {"models": ["ritz", "subspace"], "training": {"steps": 3}},
                     "solidity": {"models": ["informed"], "training": {"steps": 3}},
                 },
             }

@@ -12,10 +12,12 @@ from pathlib import Path
 
 import numpy as np
 
+from meshes import box
 from vibraverse.config.learn import Features
 from vibraverse.contract import products
 from vibraverse.contract.seeds import rng
-from vibraverse.learn.features import shape_arrays
+from vibraverse.learn.features import shape_arrays, write_meshes
+from vibraverse.learn.inside import describe
 from vibraverse.learn.scaling import unit_hz
 
 MATERIALS = {
@@ -70,8 +72,10 @@ def write(
     bodies = [(object_, solidity) for object_ in objects for solidity in solidities]
     poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
     rows: dict[str, list] = {}
+    meshes = []
     for object_, solidity in bodies:
         sides = sides_of(object_)
+        meshes.append(describe(*box(sides, (3, 2, 2))))
         vertices, faces = surface(object_, solidity)
         values = log_omega(sides, solidity, poisson, modes)
         at = np.array(
@@ -83,6 +87,7 @@ def write(
             "log_omega": values.astype(np.float32),
             "frequencies_hz": np.exp(at) * unit_hz(volume_of(object_), *map(np.array, stiff))[:, None],
             "volume_m3": volume_of(object_),
+            "scales": meshes[-1]["scales"],
             "size_m": 0.1,
             "thickness": rng(object_, "t").uniform(0.3, 0.7) if solidity == "hollow" else np.nan,
             "object_row": objects.index(object_),
@@ -94,6 +99,7 @@ def write(
     arrays = {name: np.array(values) for name, values in rows.items()} | {
         "views": np.array(pictures, np.uint8)
     }
+    write_meshes(folder, meshes)
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)
     record = {

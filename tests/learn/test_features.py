@@ -88,6 +88,24 @@ def test_ritz_frequencies_are_bounds_that_fall_with_the_degree(made):
             np.testing.assert_allclose(np.exp(ritz[body, 3, 1]) * unit, expected, rtol=1e-5)
 
 
+def test_bodies_of_different_meshes_keep_their_tetrahedra(made):
+    """In a frame of their own, of unit volume; distances tell that they are the same."""
+    samples, sizes = at(made), set()
+    with open_dataset(made / "dataset") as reader:
+        for body, (object_, solidity) in enumerate(zip(samples.object, samples.solidity, strict=True)):
+            stored, tets = (reader.read(f"tet_{part}", object_, solidity) for part in ("points", "cells"))
+            points, cells, fields = samples.tetrahedra(body)
+            assert len(points) == len(stored) == len(fields)
+            sides = points[cells][:, 1:] - points[cells][:, :1]
+            np.testing.assert_allclose(np.linalg.det(sides).sum() / 6, 1.0)
+            assert (np.linalg.det(sides) > 0).all()
+            assert (np.sort(cells) == np.sort(tets)).all()
+            lengths = [np.linalg.norm(one - one[-1], axis=1)[:-1] for one in (points, stored)]
+            np.testing.assert_allclose(lengths[0] / lengths[1], lengths[0][0] / lengths[1][0])
+            sizes.add(len(points))
+    assert len(sizes) > 1
+
+
 def test_points_lie_on_the_surface_with_its_normals():
     ball = trimesh.creation.icosphere(4, 0.9)
     points = sample_surface(ball.vertices, ball.faces, 2000, rng("ball"))

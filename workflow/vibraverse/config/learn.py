@@ -12,7 +12,7 @@ from vibraverse.contract.texts import unknown
 
 #: Task -> its models, the published one first.
 MODELS = {
-    "frequencies": ("published", "physics", "ritz"),
+    "frequencies": ("published", "physics", "ritz", "subspace"),
     "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
 }
 #: How the objects of a run are divided into those that are trained on and those that are not.

@@ -17,7 +17,7 @@ _SAMPLES = {
 LEARNING_STEPS = (
     Step(
         name="features",
-        version=2,
+        version=3,
         help="write the arrays of one shard that training reads",
         per=SHARD,
         family="learn",
@@ -51,7 +51,7 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "torch", "torchvision", "ocnn"),
+        libraries=("numpy", "scipy", "torch", "torchvision", "ocnn"),
         passes_refusals=False,
         gpus=True,
     ),
@@ -72,7 +72,7 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "scipy", "torch", "torchvision", "ocnn"),
+        libraries=("numpy", "scipy", "scikit-fem", "torch", "torchvision", "ocnn"),
         passes_refusals=False,
     ),
     Step(

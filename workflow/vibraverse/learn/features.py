@@ -2,11 +2,13 @@
 
 An epoch of training that read the shards would decompress megabytes for every body. Here each body is a row of a few
 plain arrays, which are memory-mapped. A body has its surface as points, its spectrum over Poisson's ratio, a few
-invariants and its frequencies in every named material; an object has its pictures, which both bodies share.
+invariants and its frequencies in every named material; an object has its pictures, which both bodies share. Bodies
+have different numbers of tetrahedra, so those of all stand one below the other, and each body says which are its own.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,6 +17,7 @@ import numpy as np
 from vibraverse.contract.seeds import rng
 from vibraverse.files.basis import read_basis
 from vibraverse.geometry import surfaces
+from vibraverse.learn import inside
 from vibraverse.learn.baselines.polynomials import polynomial_spaces
 from vibraverse.learn.invariants import invariants
 from vibraverse.physics.modes import reduced_solve
@@ -29,12 +32,19 @@ ARRAYS = {
     "log_omega": "logarithm of the dimensionless frequencies (k, m) at Poisson's ratios `poisson`",
     "ritz": "the same (k, d, m) by polynomials of the degrees `ritz_degrees`: upper bounds",
     "frequencies_hz": "frequencies in Hz (n, m) in the named materials, corrected as in the dataset",
+    "scales": "logarithms (1 + h,) of the torsion function's maximum and of the harmonics' eigenvalues, see `inside`",
+    "mesh_rows": "first row in `mesh_points`, how many, first row in `mesh_cells`, how many (4,)",
     "volume_m3": "volume in m³",
     "size_m": "longest side in m",
     "thickness": "t of a hollow body's cavity, not a number for a solid one",
     "object_row": "row of the body's object in `views`",
     "views": "pictures of an object (v, px, px, 3), 0 to 255",
+    "mesh_points": "corners of all bodies' tetrahedra (3,) in the body's own frame, over V^(1/3)",
+    "mesh_fields": "torsion function and harmonics (1 + h,) there, see `vibraverse.learn.inside`",
+    "mesh_cells": "tetrahedra of all bodies (4,), as rows counted from the body's first",
 }
+#: Arrays with a row per vertex or tetrahedron: their names in the result of :func:`vibraverse.learn.inside.describe`.
+MESH = {"mesh_points": "points", "mesh_fields": "fields", "mesh_cells": "cells"}
 
 
 class Unusable(ValueError):
@@ -54,9 +64,13 @@ def write_features(reader: Reader, folder: Path, options) -> dict:
     number = {name: row for row, name in enumerate(objects)}
     poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
     arrays: dict[str, np.memmap] = {}
+    meshes: list[dict] = []
     for row, (object_, solidity) in enumerate(bodies):
         values = _body(reader, object_, solidity, materials, poisson, options)
-        _put(folder, arrays, row, len(bodies), values | {"object_row": np.int64(number[object_])})
+        meshes.append(_mesh(reader, object_, solidity))
+        values |= {"object_row": np.int64(number[object_]), "scales": meshes[-1]["scales"]}
+        _put(folder, arrays, row, len(bodies), values)
+    arrays |= write_meshes(folder, meshes)
     for row, object_ in enumerate(objects):
         pictures = _pictures(reader, object_, options.look, options.view_px)
         _put(folder, arrays, row, len(objects), {"views": pictures})
@@ -145,6 +159,24 @@ def shape_arrays(
         "points": sample_surface(vertices, faces, options.points, rng(object_, solidity, "points")),
         "invariants": invariants(vertices, faces).astype(np.float32),
     }
+
+
+def _mesh(reader: Reader, object_: str, solidity: str) -> dict[str, np.ndarray]:
+    """Return the tetrahedra of a body in its own frame, and what is known of them."""
+    return inside.describe(*(reader.read(f"tet_{part}", object_, solidity) for part in ("points", "cells")))
+
+
+def write_meshes(folder: Path, meshes: Sequence[dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Write the tetrahedra of bodies one below the other, and which rows are whose; return the arrays."""
+    if not meshes:
+        return {}
+    counts = np.array([[len(mesh["points"]), len(mesh["cells"])] for mesh in meshes])
+    firsts = np.cumsum(counts, axis=0) - counts
+    arrays = {name: np.concatenate([mesh[part] for mesh in meshes]) for name, part in MESH.items()}
+    arrays["mesh_rows"] = np.stack([firsts, counts], axis=2).reshape(-1, 4)
+    for name, array in arrays.items():
+        np.save(folder / f"{name}.npy", array)
+    return arrays
 
 
 def spectrum(basis, poisson, modes: int) -> np.ndarray:

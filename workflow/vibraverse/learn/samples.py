@@ -94,6 +94,19 @@ class Samples:
             materials=self.materials,
         )
 
+    def tetrahedra(self, body: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return a body's tetrahedra, points (N, 3) and cells (T, 4), and what is known of the points (N, 1 + h).
+
+        They stand in the body's own frame, see :mod:`vibraverse.learn.inside`.
+        """
+        shard = self._shard[body]
+        first, points, cell, cells = self.row("mesh_rows", body)
+        parts = {"mesh_points": (first, points), "mesh_cells": (cell, cells), "mesh_fields": (first, points)}
+        found = [
+            np.array(self._map(name)[shard][start : start + count]) for name, (start, count) in parts.items()
+        ]
+        return found[0], found[1], found[2]
+
     @cached_property
     def ids(self) -> list[str]:
         """The bodies' names for messages: ``mug-0003 hollow``."""

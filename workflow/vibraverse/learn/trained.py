@@ -21,6 +21,7 @@ from vibraverse.learn.metrics import LOWEST
 from vibraverse.learn.results import config_hash
 from vibraverse.learn.samples import Layout
 from vibraverse.learn.sides import TEST
+from vibraverse.learn.tasks import OWN
 
 #: The task whose models give frequencies.
 TASK = "frequencies"
@@ -73,6 +74,11 @@ def read(folder: str | Path) -> TrainedModel:
     if task != TASK:
         raise UsageError(
             f"{folder} holds a model of the task {task!r}, which gives no frequencies; name one of the task {TASK!r}"
+        )
+    if (task, made["options"]["model"]) in OWN:
+        raise UsageError(
+            f"{folder} holds the model {made['options']['model']!r}, which takes a body's tetrahedra; name another model, "
+            "or simulate the mesh (`vibraverse strike`)"
         )
     if version != BY_NAME["train"].version:
         raise UsageError(

@@ -54,21 +54,12 @@ def hertz(values: np.ndarray, material: dict, scale_m: float) -> np.ndarray:
     return np.sqrt(values * material["young_pa"] / material["density_kg_m3"]) / scale_m / (2 * np.pi)
 
 
-def ritz(
-    stiffness: sp.csr_matrix,
-    mass: sp.csr_matrix,
-    fields: np.ndarray,
-    modes: int,
-    rigid: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the lowest Ritz pairs of ``K u = ω² M u`` in the span of ``fields`` (n, m).
+def elastic_basis(mass: sp.csr_matrix, fields: np.ndarray, rigid: np.ndarray | None = None) -> np.ndarray:
+    """Return an M-orthonormal basis (n, r) of the span of ``fields`` (n, m), free of rigid motions.
 
     ``rigid`` (n, 6) are the rigid motions, which are projected out; without them the fields must be free of rigid
     motions. Fields may be of any size and dependent: they are M-orthonormalised by singular values (SVQB: Stathopoulos
-    and Wu, SIAM J. Sci. Comput. 23, 2165, 2002), and directions within rounding are dropped. Returns ω² (modes,), the
-    M-orthonormal vectors (n, modes) and relative residuals (modes,).
-
-    Raises :class:`ValueError` if fewer than ``modes`` independent elastic fields are left.
+    and Wu, SIAM J. Sci. Comput. 23, 2165, 2002), and directions within rounding are dropped.
     """
     space = np.array(fields, dtype=float)
     norms = np.sqrt(np.vecdot(space.T, product(mass, space).T))
@@ -80,16 +71,38 @@ def ritz(
         space = space[:, left > _RIGID_TOLERANCE]
     if space.shape[1]:
         space, _, _ = orthonormalise(space, mass)
+    if rigid is not None:
+        # Orthonormalisation amplifies what rounding left of the rigid motions.
+        project_out(space, known, weighted)
+    return space
+
+
+def ritz(
+    stiffness: sp.csr_matrix,
+    mass: sp.csr_matrix,
+    fields: np.ndarray,
+    modes: int,
+    rigid: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the lowest Ritz pairs of ``K u = ω² M u`` in the span of ``fields`` (n, m), see :func:`elastic_basis`.
+
+    Returns ω² (modes,), the M-orthonormal vectors (n, modes) and relative residuals (modes,).
+
+    Raises :class:`ValueError` if fewer than ``modes`` independent elastic fields are left.
+    """
+    space = elastic_basis(mass, fields, rigid)
+    check_enough(fields, space, modes)
+    values, vectors, residuals = rayleigh_ritz(space, stiffness, mass)
+    return values[:modes], vectors[:, :modes], residuals[:modes]
+
+
+def check_enough(fields: np.ndarray, space: np.ndarray, modes: int) -> None:
+    """Raise :class:`ValueError` if the basis (n, r) of ``fields`` (n, m) has fewer directions than ``modes``."""
     if space.shape[1] < modes:
         raise ValueError(
             f"The {fields.shape[1]} fields span {space.shape[1]} elastic directions, too few for {modes} modes; "
             "give more fields, or ask for fewer modes"
         )
-    if rigid is not None:
-        # Orthonormalisation amplifies what rounding left of the rigid motions.
-        project_out(space, known, weighted)
-    values, vectors, residuals = rayleigh_ritz(space, stiffness, mass)
-    return values[:modes], vectors[:, :modes], residuals[:modes]
 
 
 def from_fields(

@@ -19,6 +19,8 @@ TASKS = {
     "frequencies": "frequencies:Frequencies",
     "solidity": "solidity:Solidity",
 }
+#: Task and model -> class of a model that wants other samples than the rest of its task.
+OWN = {("frequencies", "subspace"): "subspace:SubspaceTask"}
 
 
 def task_at(features: Sequence[Path], splits: Path, options):
@@ -31,7 +33,7 @@ def task_at(features: Sequence[Path], splits: Path, options):
 
 def task_of(samples: Samples, chosen: dict[str, np.ndarray], options):
     """Return the task of the options over samples, with the bodies that are chosen for each side."""
-    module, _, name = TASKS[options.task].partition(":")
+    module, _, name = OWN.get((options.task, options.model), TASKS[options.task]).partition(":")
     return getattr(importlib.import_module(f"vibraverse.learn.tasks.{module}"), name)(
         samples, chosen, options
     )
