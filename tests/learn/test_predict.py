@@ -288,9 +288,14 @@ def test_a_model_that_cannot_be_used_is_one_sentence(here, vibraverse, damage, s
             ("mug.obj", "--model", "results/learn/solidity/object/sound/seed-0"),
             "holds a model of the task 'solidity', which gives no frequencies",
         ),
+        (("mug.obj", "--model", "on-tets"), "the model 'subspace', which takes a body's tetrahedra; name another"),
     ],
 )  # fmt: skip
 def test_a_mistake_is_one_sentence(here, vibraverse, arguments, sentence):
+    record = products.read_json(here / "results/learn/frequencies/object/physics/seed-0/training.json")
+    record["provenance"]["options"]["model"] = "subspace"
+    (here / "on-tets").mkdir(exist_ok=True)
+    products.write_json(here / "on-tets/training.json", record)
     (here / "flat.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 3\nf 2 4 3\n")
     assert sentence in mistake(vibraverse, *arguments)
 

@@ -77,8 +77,8 @@ def read(folder: str | Path) -> TrainedModel:
         )
     if (task, made["options"]["model"]) in OWN:
         raise UsageError(
-            f"{folder} holds the model {made['options']['model']!r}, which takes a body's tetrahedra; name another model, "
-            "or simulate the mesh (`vibraverse strike`)"
+            f"{folder} holds the model {made['options']['model']!r}, which takes a body's tetrahedra; name another "
+            "model, or simulate the mesh (`vibraverse strike`)"
         )
     if version != BY_NAME["train"].version:
         raise UsageError(
