@@ -46,7 +46,9 @@ onsuccess:
         refused, left = counts["refused_objects"], counts["objects"]
         why = advised("refusals", results=paths.results)
         print(f"The dataset: {refused} of {left + refused} objects refused; {why} says why")
-        print(f"The report: {paths.report}")
+        for title, page in (("report", paths.report), ("page of learning", paths.learn_page)):
+            if os.path.exists(page):
+                print(f"The {title}: {page}")
 
 
 onerror:
