@@ -8,11 +8,11 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from itertools import permutations
 from pathlib import Path
 
 import numpy as np
 
-from meshes import box
 from vibraverse.config.learn import Features
 from vibraverse.contract import products
 from vibraverse.contract.seeds import rng
@@ -46,6 +46,22 @@ def box_of(object_: str, solidity: str) -> tuple[np.ndarray, np.ndarray]:
     return mesh.vertices, mesh.faces
 
 
+def tetrahedra_of(sides: np.ndarray, cells=(3, 2, 2)) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (N, 3) and positive tetrahedra (T, 4) of a box: six along the diagonal of each cell."""
+    axes = [np.linspace(-0.5, 0.5, count + 1) * side for count, side in zip(cells, sides, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    paths = []
+    for order in permutations(range(3)):
+        corners = np.vstack([np.zeros(3, int), np.cumsum(np.eye(3, dtype=int)[list(order)], axis=0)])
+        turned = np.linalg.det(np.eye(3)[list(order)]) < 0
+        paths.append(corners[[0, 2, 1, 3]] if turned else corners)
+    firsts = np.stack(np.meshgrid(*map(np.arange, cells), indexing="ij"), axis=-1).reshape(-1, 1, 1, 3)
+    shape = np.array(cells) + 1
+    return points, np.ravel_multi_index(tuple(np.moveaxis(firsts + np.array(paths), -1, 0)), shape).reshape(
+        -1, 4
+    )
+
+
 def volume_of(object_: str) -> float:
     """Return the volume of an object's bodies in m³."""
     return 0.02 * float(np.prod(sides_of(object_))) / 1.8**3
@@ -75,7 +91,7 @@ def write(
     meshes = []
     for object_, solidity in bodies:
         sides = sides_of(object_)
-        meshes.append(describe(*box(sides, (3, 2, 2))))
+        meshes.append(describe(*tetrahedra_of(sides)))
         vertices, faces = surface(object_, solidity)
         values = log_omega(sides, solidity, poisson, modes)
         at = np.array(

@@ -14,7 +14,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed (it belongs to the learning environment)")
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
-sys.path.insert(0, str(BENCHMARKS))
+sys.path.append(str(BENCHMARKS))  # behind the tests, whose modules may have the same names
 
 import gpu  # noqa: E402
 import gpu_parts  # noqa: E402

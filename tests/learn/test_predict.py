@@ -309,7 +309,7 @@ def mistake(vibraverse, *arguments) -> str:
 
 @pytest.mark.parametrize(
     ("lacking", "more", "said"),
-    [("torch", (), "predict needs"), ("scikit-fem", ("--check",), "predict --check needs")],
+    [("torch", (), "predict needs"), ("gmsh", ("--check",), "predict --check needs")],
 )
 def test_an_environment_without_a_part_is_one_sentence(here, vibraverse, monkeypatch, lacking, more, said):
     version = importlib.metadata.version

@@ -13,7 +13,7 @@ from vibraverse.learn.results import evaluation, table
 
 pytestmark = pytest.mark.learn
 MADE = {"input_sha256": {"features": {"features": "abc"}}, "vibraverse": "0"}
-ABOUT = {"preset": "cpu", "hardware": "here", "threads": 1, "minutes": 1.0}
+ABOUT = {"kind": "model", "preset": "cpu", "hardware": "here", "threads": 1, "minutes": 1.0}
 
 
 def answered(model: str, split: str, right: list[bool], seed: int = 0) -> dict:

@@ -55,7 +55,7 @@ class OpenShape(Shape):
         raise Refused(
             "unavailable",
             f"None of {MAX_DRAWS} draws of a {type(self).__name__.lower()} gives a sound body.",
-            "Draw an object with another number; sources.generated.first sets the first.",
+            "Take an object with another number: set sources.generated.first.",
         )
 
 
