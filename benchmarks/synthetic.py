@@ -25,11 +25,10 @@ _FAMILIES = ("bar", "bowl", "cup", "mug", "pan", "ring", "rod", "vase")
 
 def write(folder: Path, objects: int, options: Features) -> list[Path]:
     """Write the features of objects with both bodies, and ``splits.tsv``; return the records of the features."""
-    options = options.model_copy(
-        update={"ritz_degrees": [4]}
-    )  # quick to compute, for it is not what is measured
     names = [f"{_FAMILIES[number % len(_FAMILIES)]}-{number:04d}" for number in range(objects)]
-    make_features.write(folder / "00000", names, options=options, surface=_smooth, modes=64)
+    make_features.write(
+        folder / "00000", names, options=options, surface=_smooth, modes=64, invented_ritz=True
+    )
     make_features.write_splits(folder / "splits.tsv", names)
     return records(folder)
 

@@ -16,8 +16,9 @@ import numpy as np
 from vibraverse.config.learn import Features
 from vibraverse.contract import products
 from vibraverse.contract.seeds import rng
-from vibraverse.learn.features import shape_arrays, write_meshes
+from vibraverse.learn.features import sample_surface, shape_arrays, write_meshes
 from vibraverse.learn.inside import describe
+from vibraverse.learn.invariants import invariants
 from vibraverse.learn.scaling import unit_hz
 
 MATERIALS = {
@@ -82,8 +83,12 @@ def write(
     options: Features = OPTIONS,
     surface: Callable[[str, str], tuple[np.ndarray, np.ndarray]] = box_of,
     modes: int = MODES,
+    invented_ritz: bool = False,
 ) -> Path:
-    """Write the features of one shard into a folder; ``surface`` makes vertices and faces of an object's body."""
+    """Write the features of one shard into a folder; ``surface`` makes vertices and faces of an object's body.
+
+    Polynomial Ritz frequencies are those of the surface, or made up, which takes no time.
+    """
     folder.mkdir(parents=True)
     bodies = [(object_, solidity) for object_ in objects for solidity in solidities]
     poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
@@ -98,8 +103,17 @@ def write(
             [[np.interp(one["poisson"], poisson, mode) for mode in values.T] for one in MATERIALS.values()]
         )
         stiff = [[one[name] for one in MATERIALS.values()] for name in ("young_pa", "density_kg_m3")]
+        if invented_ritz:
+            above = np.linspace(0.4, 0.1, len(options.ritz_degrees))[:, None]
+            shape = {
+                "points": sample_surface(vertices, faces, options.points, rng(object_, solidity)),
+                "invariants": invariants(vertices, faces).astype(np.float32),
+                "ritz": (values[:, None] + above).astype(np.float32),
+            }
+        else:
+            shape = shape_arrays(vertices, faces, object_, solidity, modes, options)
         for name, value in {
-            **shape_arrays(vertices, faces, object_, solidity, modes, options),
+            **shape,
             "log_omega": values.astype(np.float32),
             "frequencies_hz": np.exp(at) * unit_hz(volume_of(object_), *map(np.array, stiff))[:, None],
             "volume_m3": volume_of(object_),

@@ -92,15 +92,15 @@ def test_invented_bodies_are_closed_and_differ():
 
 def test_the_whole_ends_in_time(tmp_path):
     command = [
-        sys.executable, str(BENCHMARKS / "gpu.py"), "--minutes", "0.3", "--device", "cpu", "--preset", "tiny",
+        sys.executable, str(BENCHMARKS / "gpu.py"), "--minutes", "0.7", "--device", "cpu", "--preset", "tiny",
         "--objects", "24", "--models", "solidity:sound", "--out", str(tmp_path),
     ]  # fmt: skip
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=60)
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=120)
     assert done.returncode == 0, done.stderr
     found = json.loads((tmp_path / "results.json").read_text())
     assert list(found["parts"]) == ["data", "labels", "lobpcg", "train solidity:sound", "loader", "together"]
-    assert found["seconds"] < 0.3 * 60 + 3
+    assert found["seconds"] < 0.7 * 60 + 3
     assert found["parts"]["data"]["bodies"] == 48
     table = (tmp_path / "table.md").read_text()
     assert table.count("\n| ") == 8

@@ -127,7 +127,7 @@ def test_the_commands_of_the_documentation(here, vibraverse):
         shlex.split(command)[1:]
         for block in documented.blocks("")
         for command in documented.commands(block.text)
-        if block.doc in ("README.md", "docs/learn.md") and command.startswith("vibraverse predict ")
+        if block.doc in ("README.md", "docs/predict.md") and command.startswith("vibraverse predict ")
     ]
     assert len(shown) >= 3
     for words in shown:
