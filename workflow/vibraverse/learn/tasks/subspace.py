@@ -9,7 +9,6 @@ elements' error, so they may be lower still.)
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 import numpy as np
@@ -175,18 +174,17 @@ class SubspaceTask(Frequencies):
     def predict(self, model: nn.Module, batch: dict) -> dict[str, torch.Tensor]:
         """Return logarithms (B, m) by points inside; where answers are asked for those of all materials (B, k, m).
 
-        Answers come from the tetrahedra, with the CPU seconds that each body took (B,).
+        Answers come from the tetrahedra.
         """
         if not batch["answered"].all():
             return {"found": model(batch), "true": batch["log_omega"]}
-        found, seconds = [], []
         with exact(batch["places"].device):
             codes = model.codes(batch["places"], batch["scalars"])
-            for number, body in enumerate(batch["body"].tolist()):
-                began = time.process_time()
-                found.append(self.on_tetrahedra(model, codes[number : number + 1], body))
-                seconds.append(time.process_time() - began)
-        return {"found": torch.tensor(np.stack(found)), "seconds": torch.tensor(seconds)}
+            found = [
+                self.on_tetrahedra(model, codes[number : number + 1], body)
+                for number, body in enumerate(batch["body"].tolist())
+            ]
+        return {"found": torch.tensor(np.stack(found))}
 
     def on_tetrahedra(self, model: Subspace, codes: torch.Tensor, body: int) -> np.ndarray:
         """Return the logarithms (k, m) of a body's dimensionless frequencies in all materials."""
@@ -199,7 +197,7 @@ class SubspaceTask(Frequencies):
         return spectra_on(operators, space, ratios, model.modes)
 
     def answers(self, side: str, predict: Callable[..., dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
-        """Return predicted and true frequencies (n, materials, m) of a side in Hz, and CPU seconds (n,)."""
+        """Return predicted and true frequencies (n, materials, m) of a side in Hz."""
         bodies = self.sides[side]
         said = predict(side, self.dataset(side, answered=True))
         found = [
@@ -207,7 +205,7 @@ class SubspaceTask(Frequencies):
             for number in range(len(self.samples.materials))
         ]
         true = self.samples.rows("frequencies_hz", bodies)
-        return {"found_hz": np.stack(found, axis=1), "true_hz": true, "seconds": said["seconds"]}
+        return {"found_hz": np.stack(found, axis=1), "true_hz": true}
 
 
 def at_nodes(operators: Operators, values: np.ndarray) -> np.ndarray:
