@@ -79,7 +79,7 @@ class Attempt:
 
     def ended(self, status: int) -> str:
         """Wait for the end with an exit status, after which nothing may run; return the log."""
-        assert self.stage.wait(60) == status, self.log.read_text()
+        assert self.stage.wait(300) == status, self.log.read_text()
         assert working_on(self.folder) == []
         return self.log.read_text()
 
