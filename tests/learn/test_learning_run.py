@@ -26,8 +26,11 @@ LEARNING = {
     "dataset": {"shards": 2, "splits": {"train": 0.4, "validation": 0.3, "test": 0.3}},
     "learn": {
         "preset": "tiny", "seeds": [0], "splits": ["object"], "features": {"points": 512, "view_px": 32},
-        # A checkpoint after every step, so that a kill finds one.
-        "frequencies": {"models": ["physics"], "training": {"steps": 30, "batch_size": 4, "checkpoint_minutes": 0}},
+        "frequencies": {
+            "models": ["physics"],
+            # A checkpoint after every step, so that a kill finds one.
+            "training": {"steps": 30, "minutes": 30, "batch_size": 4, "checkpoint_minutes": 0},
+        },
         "solidity": {"models": ["sound"], "training": {"steps": 10, "batch_size": 4}},
     },
 }  # fmt: skip
