@@ -14,6 +14,7 @@ import pytest
 
 from vibraverse.contract import products
 from vibraverse.contract.refusal import read_refusal
+from vibraverse.flow.learning import LEARNING_STEPS
 from vibraverse.flow.paths import Paths
 from vibraverse.flow.steps import STEPS
 from vibraverse.validation.bodies import BODIES
@@ -57,7 +58,7 @@ def test_every_stage_was_run(validated):
     Those of learning need PyTorch: ``tests/learn/test_learning_run.py`` runs them.
     """
     ran = commands(validated)
-    for step in (step for step in STEPS if step.family != "learn"):
+    for step in (step for step in STEPS if step not in LEARNING_STEPS):
         assert step.name in ran, f"no test runs the stage {step.name}"
         for name, output in step.outputs.items():
             option = f"--{name.replace('_', '-')}"

@@ -24,7 +24,7 @@ OBJECTS = [f"{family}-{number:04d}" for family in ("bar", "cup", "mug", "pan") f
 def copy(tmp_path_factory):
     """A copy of the package to which the page's task is added."""
     page = (ROOT / "docs/add-a-task.md").read_text(encoding="utf-8")
-    module, line, models, section = re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+    module, line, models, section = re.findall(r"```(?:python)?\n(.*?)```", page, re.DOTALL)
     (path,) = re.findall(r"Its module\*\*, `(.*?)`", page)
     copy = tmp_path_factory.mktemp("add-task")
     shutil.copytree(ROOT / "workflow", copy / "workflow", ignore=shutil.ignore_patterns("__pycache__"))
