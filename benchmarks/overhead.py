@@ -177,6 +177,7 @@ def main() -> None:
             config = NORMAL if chosen.normal else CONFIG
             (folder / "config.yaml").write_text(config.format(count=chosen.objects))
             totals[kind] = run(kind, folder, ["--until", chosen.until] if chosen.until else [])
+            print(f"{kind}: {totals[kind]:.1f} CPU s in all", flush=True)
         back = os.getcwd()
         useful, jobs = replay(folder, chosen.repeat)
         os.chdir(back)
