@@ -145,17 +145,26 @@ def _body(reader: Reader, object_: str, solidity: str, materials: list[str], poi
 
 
 def shape_arrays(
-    vertices: np.ndarray, faces: np.ndarray, object_: str, solidity: str, modes: int, options
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    object_: str,
+    solidity: str,
+    modes: int,
+    options,
+    ritz: bool = True,
 ) -> dict[str, np.ndarray]:
     """Return the rows of a body in the arrays that follow from its closed surface, without a simulation.
 
     ``options`` are :class:`vibraverse.config.learn.Features`. What is random follows from the object's id and the
-    solidity.
+    solidity. Without ``ritz`` these spectra, which take a second, are left out.
     """
-    poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
-    ritz = ritz_spectra(vertices, faces, poisson, options.ritz_degrees, modes)
+    spectra = {}
+    if ritz:
+        poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
+        found = ritz_spectra(vertices, faces, poisson, options.ritz_degrees, modes)
+        spectra["ritz"] = found.astype(np.float32)
     return {
-        "ritz": ritz.astype(np.float32),
+        **spectra,
         "points": sample_surface(vertices, faces, options.points, rng(object_, solidity, "points")),
         "invariants": invariants(vertices, faces).astype(np.float32),
     }

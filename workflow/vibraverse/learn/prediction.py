@@ -88,7 +88,10 @@ class Predictor:
 
     def _task(self, vertices, faces, object_, solidity, volume_m3, materials):
         """Return the task over one body."""
-        shape = shape_arrays(vertices, faces, object_, solidity, self.trained.layout.modes, self._features)
+        wants_ritz = self.trained.options.model == "ritz"
+        shape = shape_arrays(
+            vertices, faces, object_, solidity, self.trained.layout.modes, self._features, wants_ritz
+        )
         samples = Unsimulated(shape, volume_m3, self.trained.layout, materials)
         return task_of(samples, dict.fromkeys(SIDES, np.array([0])), self._options)
 

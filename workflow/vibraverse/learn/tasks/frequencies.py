@@ -102,9 +102,9 @@ class Shapes(Drawn):
     With a ``seed`` each item draws points, a rotation, a material and a Poisson's ratio of its own.
     """
 
-    def __init__(self, bodies: Bodies, points: int, seed: int | None):
+    def __init__(self, bodies: Bodies, points: int, seed: int | None, spectra: tuple[str, ...]):
         super().__init__(bodies, seed)
-        self.points = points
+        self.points, self.spectra = points, spectra
 
     def sample(self, item: dict, random: np.random.Generator | None) -> dict[str, np.ndarray]:
         """Return the arrays of one body."""
@@ -120,8 +120,7 @@ class Shapes(Drawn):
             "turn": np.array(turn, dtype=np.float32),
             "invariants": np.log(samples.row("invariants", body)),
             "poisson": np.float32(poisson),
-            "log_omega": np.array(samples.row("log_omega", body)),
-            "ritz": np.array(samples.row("ritz", body)),
+            **{name: np.array(samples.row(name, body)) for name in self.spectra},
         }
 
 
@@ -133,6 +132,8 @@ class Frequencies(BodyTask):
     def __init__(self, samples: Samples, sides: dict[str, np.ndarray], options):
         super().__init__(samples, sides, options)
         self._published = options.model == "published"
+        #: Arrays over Poisson's ratio that the model needs.
+        self.spectra = ("log_omega", "ritz") if options.model == "ritz" else ("log_omega",)
 
     @property
     def exact(self) -> bool:
@@ -156,14 +157,14 @@ class Frequencies(BodyTask):
     def dataset(self, split: str, material: int = 0) -> Shapes:
         """Return the bodies of a side; those of ``train`` are drawn anew in each epoch, others have one material."""
         bodies = Bodies(self.samples, self.sides[split], material)
-        return Shapes(bodies, self.options.network.points, self.seed(split))
+        return Shapes(bodies, self.options.network.points, self.seed(split), self.spectra)
 
     def prepare(self, batch: dict, device) -> dict:
         """Return the batch on a device, its bodies turned, with the spectrum at the Poisson's ratio of each."""
         batch = super().prepare(batch, device)
         nodes = torch.tensor(self.samples.poisson, dtype=torch.float32, device=device)
         points = turned(batch["points"], rotations(batch["turn"]))
-        spectra = {name: between(nodes, batch[name], batch["poisson"]) for name in ("log_omega", "ritz")}
+        spectra = {name: between(nodes, batch[name], batch["poisson"]) for name in self.spectra}
         return {**batch, "points": points, **spectra}
 
     def losses(self, model: nn.Module, batch: dict) -> torch.Tensor:
