@@ -30,7 +30,7 @@ from vibraverse.learn import samples as features
 from vibraverse.learn.baselines import elements, lobpcg, starts
 from vibraverse.learn.baselines.galerkin import Spectrum
 from vibraverse.learn.baselines.polynomials import polynomial_ritz
-from vibraverse.learn.baselines.rows import at_materials
+from vibraverse.learn.baselines.rows import known
 from vibraverse.learn.baselines.statistics import BASELINES, Bodies
 from vibraverse.learn.features import ritz_spectra
 from vibraverse.learn.invariants import invariants
@@ -54,6 +54,7 @@ class Body:
         prefix = "surface" if self.solidity == "solid" else "boundary"
         self.surface = tuple(reader.read(f"{prefix}_{part}", **place) for part in ("vertices", "faces"))
         self.tets = tuple(reader.read(f"tet_{part}", **place) for part in ("points", "cells"))
+        self.name = material
         self.material = {
             name: float(reader.read(name, **place, material=material))
             for name in ("young_pa", "density_kg_m3", "poisson")
@@ -127,28 +128,10 @@ def iterated(body: Body, start: str, preconditioner: str, modes: int) -> np.ndar
 
 def statistical(samples, trained: np.ndarray) -> Iterator[tuple[str, Method]]:
     """Yield the baselines that learn, fitted on the bodies of the training side in all materials."""
-    materials = samples.materials
-    known = bodies(
-        samples.rows("invariants", trained).repeat(len(materials), axis=0),
-        at_materials(samples, trained).reshape(len(trained) * len(materials), len(samples.ritz_degrees), -1),
-        samples.rows("volume_m3", trained).repeat(len(materials)),
-        [*materials] * len(trained),
-        materials,
-    )
-    hertz = samples.rows("frequencies_hz", trained)
-    spectra = known.log_omega(hertz.reshape(-1, hertz.shape[-1]))
+    bodies, spectra = known(samples, trained)
     for name, fit in BASELINES.items():
-        predict = fit(known, spectra)
+        predict = fit(bodies, spectra)
         yield name, partial(guessed, predict=predict, degrees=samples.ritz_degrees, uses_ritz="itz" in name)
-
-
-def bodies(shapes, ritz, volumes, names: list[str], materials) -> Bodies:
-    """Return bodies in named materials."""
-    columns = {
-        key: np.array([materials[name][key] for name in names])
-        for key in ("young_pa", "density_kg_m3", "poisson")
-    }
-    return Bodies(shapes, ritz, volumes, material=np.array(names), **columns)
 
 
 def guessed(body: Body, predict, degrees: list[int], uses_ritz: bool) -> np.ndarray:
@@ -157,8 +140,13 @@ def guessed(body: Body, predict, degrees: list[int], uses_ritz: bool) -> np.ndar
     ritz = np.zeros((1, len(degrees), modes))
     if uses_ritz:
         ritz = ritz_spectra(*body.surface, [body.material["poisson"]], degrees, modes)
-    shape = invariants(*body.surface)[None]
-    one = bodies(shape, ritz, np.array([body.volume_m3]), ["it"], {"it": body.material})
+    one = Bodies(
+        invariants=invariants(*body.surface)[None],
+        ritz=ritz,
+        volume_m3=np.array([body.volume_m3]),
+        material=np.array([body.name]),
+        **{name: np.array([value]) for name, value in body.material.items()},
+    )
     return one.hertz(predict(one))[0]
 
 

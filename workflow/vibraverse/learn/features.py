@@ -20,6 +20,7 @@ from vibraverse.geometry import surfaces
 from vibraverse.learn import inside
 from vibraverse.learn.baselines.polynomials import polynomial_spaces
 from vibraverse.learn.invariants import invariants
+from vibraverse.learn.scaling import log_dimensionless
 from vibraverse.physics.modes import reduced_solve
 
 if TYPE_CHECKING:
@@ -191,7 +192,7 @@ def write_meshes(folder: Path, meshes: Sequence[dict[str, np.ndarray]]) -> dict[
 def spectrum(basis, poisson, modes: int) -> np.ndarray:
     """Return the logarithm of the dimensionless frequencies (k, m) of a body at Poisson's ratios (k,)."""
     values = np.stack([reduced_solve(basis, float(nu), modes).values for nu in poisson])
-    return 0.5 * np.log(values) + np.log(basis.volume) / 3.0
+    return log_dimensionless(values, basis.volume)
 
 
 def ritz_spectra(vertices: np.ndarray, faces: np.ndarray, poisson, degrees, modes: int) -> np.ndarray:
@@ -204,7 +205,7 @@ def ritz_spectra(vertices: np.ndarray, faces: np.ndarray, poisson, degrees, mode
         values = [[space.modes(float(nu), modes)[0] for space in spaces] for nu in poisson]
     except ValueError as error:
         raise Unusable(f"learn.features.ritz_degrees: {error}") from None
-    return 0.5 * np.log(values) + np.log(surfaces.volume(vertices, faces)) / 3.0
+    return log_dimensionless(values, surfaces.volume(vertices, faces))
 
 
 def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, random) -> np.ndarray:

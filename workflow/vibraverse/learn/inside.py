@@ -21,6 +21,7 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import eigsh, splu
 
 from vibraverse.contract.seeds import rng
+from vibraverse.geometry.meshing.quality import volumes as signed_volumes
 
 #: Number of harmonics, the constant one not counted.
 HARMONICS = 16
@@ -40,7 +41,7 @@ def describe(points: np.ndarray, cells: np.ndarray) -> dict[str, np.ndarray]:
     used, cells = np.unique(cells, return_inverse=True)
     cells = cells.reshape(-1, 4).astype(np.int32)
     points = in_own_frame(points[used], cells)
-    if np.linalg.det(points[cells[0, 1:]] - points[cells[0, :1]]) < 0:
+    if signed_volumes(points, cells[:1])[0] < 0:
         cells = cells[:, [1, 0, 2, 3]]  # the frame is left-handed, and elements must be positively oriented
     stiffness, mass = _laplacian(points, cells)
     torsion = _torsion(stiffness, mass, np.unique(boundary(cells)))
@@ -57,7 +58,7 @@ def describe(points: np.ndarray, cells: np.ndarray) -> dict[str, np.ndarray]:
 def in_own_frame(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     """Return the vertices (N, 3) of tetrahedra (T, 4) in the frame of the body, over the cube root of its volume."""
     corners = points[cells]
-    volumes = cell_volumes(corners)
+    volumes = np.abs(signed_volumes(points, cells))
     volume = volumes.sum()
     centre = volumes @ corners.mean(axis=1) / volume
     corners = corners - centre
@@ -75,16 +76,13 @@ def in_own_frame(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
 
 
 def boundary(cells: np.ndarray) -> np.ndarray:
-    """Return the triangles (F, 3) that belong to one tetrahedron of (T, 4) alone."""
+    """Return the triangles (F, 3) that belong to one tetrahedron of (T, 4) alone.
+
+    ``physics.basis`` has one too, but imports a solver that the environment of learning lacks.
+    """
     faces = np.sort(np.concatenate([np.delete(cells, corner, axis=1) for corner in range(4)]), axis=1)
     unique, counts = np.unique(faces, axis=0, return_counts=True)
     return unique[counts == 1]
-
-
-def cell_volumes(corners: np.ndarray) -> np.ndarray:
-    """Return the volumes (T,) of tetrahedra with these corners (T, 4, 3)."""
-    a, b, c = np.moveaxis(corners[:, 1:] - corners[:, :1], 1, 0)
-    return np.abs(np.einsum("ta,ta->t", a, np.cross(b, c))) / 6.0
 
 
 def slopes(corners: np.ndarray) -> np.ndarray:
@@ -103,7 +101,7 @@ def draw(points, cells, values, count: int, random) -> tuple[np.ndarray, np.ndar
         cells, axis=1
     )  # a mirrored body has its corners in another order, and gets the same points
     corners = points[cells]
-    reached = np.cumsum(cell_volumes(corners))
+    reached = np.cumsum(np.abs(signed_volumes(points, cells)))
     places = (np.arange(count) + random.random()) / count * reached[-1]
     chosen = np.minimum(np.searchsorted(reached, places), len(cells) - 1)
     shares = random.dirichlet(np.ones(4), size=count)
@@ -130,7 +128,7 @@ def turn(points: np.ndarray, random: np.random.Generator) -> np.ndarray:
 def _laplacian(points: np.ndarray, cells: np.ndarray) -> tuple[sp.csc_matrix, np.ndarray]:
     """Return the stiffness (N, N) of linear elements and the lumped mass (N,)."""
     corners = points[cells]
-    volumes, gradients = cell_volumes(corners), slopes(corners)
+    volumes, gradients = np.abs(signed_volumes(points, cells)), slopes(corners)
     blocks = np.einsum("t,tia,tja->tij", volumes, gradients, gradients)
     rows, columns = np.repeat(cells, 4, axis=1).ravel(), np.tile(cells, (1, 4)).ravel()
     stiffness = sp.csc_matrix((blocks.ravel(), (rows, columns)), shape=(len(points),) * 2)

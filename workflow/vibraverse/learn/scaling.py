@@ -17,6 +17,11 @@ def unit_hz(volume_m3: np.ndarray, young_pa: np.ndarray, density_kg_m3: np.ndarr
     return np.sqrt(young_pa / density_kg_m3) / np.cbrt(volume_m3) / (2 * np.pi)
 
 
+def log_dimensionless(values: np.ndarray, volume: float) -> np.ndarray:
+    """Return ``log ω̂`` of ω² for E = ρ = 1; ``volume`` is that of the body in the same unit of length."""
+    return 0.5 * np.log(values) + np.log(volume) / 3.0
+
+
 def mel(frequencies_hz: np.ndarray) -> np.ndarray:
     """Return frequencies on the mel scale."""
     return _MELS * np.log10(1.0 + frequencies_hz / _CORNER_HZ)

@@ -7,22 +7,15 @@ frequencies ``ω̂``.
 
 from __future__ import annotations
 
-import itertools
-
 import torch
 
+from vibraverse.learn.baselines.polynomials import exponents
 from vibraverse.physics.materials import lame
 
 #: Rigid motions, which every space here holds.
 RIGID = 6
 #: Directions of less than this share of the largest are rounding errors of single precision, and are left out.
 _ROUNDING_SHARE = 1e-9
-
-
-def powers(degree: int) -> torch.Tensor:
-    """Return the exponents (s, 3) of the products of Legendre polynomials up to a total degree."""
-    every = itertools.product(range(degree + 1), repeat=3)
-    return torch.tensor([one for one in every if sum(one) <= degree])
 
 
 def polynomials(places: torch.Tensor, degree: int) -> tuple[torch.Tensor, torch.Tensor]:
@@ -35,7 +28,7 @@ def polynomials(places: torch.Tensor, degree: int) -> tuple[torch.Tensor, torch.
         values.append(((2 * n + 1) * places * values[n] - n * values[n - 1]) / (n + 1))
         slopes.append((2 * n + 1) * values[n] + slopes[n - 1])
     table, sloped = torch.stack(values, dim=-1), torch.stack(slopes, dim=-1)
-    chosen = powers(degree).to(places.device)
+    chosen = torch.from_numpy(exponents(degree)).to(places.device)
     factors = [table[..., axis, :][..., chosen[:, axis]] for axis in range(3)]
     x, y, z = factors
     dx, dy, dz = (sloped[..., axis, :][..., chosen[:, axis]] for axis in range(3))

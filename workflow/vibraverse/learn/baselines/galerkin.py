@@ -105,6 +105,11 @@ def check_enough(fields: np.ndarray, space: np.ndarray, modes: int) -> None:
         )
 
 
+def at_nodes(operators: Operators, values: np.ndarray) -> np.ndarray:
+    """Return values (N, k) of the vertices at all nodes of quadratic elements: in edges' middles the ends' means."""
+    return np.concatenate([values, values[operators.mesh.edges].mean(axis=0)])
+
+
 def from_fields(
     operators: Operators, fields: np.ndarray, material: dict, scale_m: float, modes: int = 64
 ) -> Spectrum:

@@ -69,6 +69,11 @@ class PolynomialSpace:
         return (self.axes @ along.reshape(len(points), 3, -1)).reshape(3 * len(points), -1)
 
 
+def exponents(degree: int) -> np.ndarray:
+    """Return the degrees (s, 3) along the axes of all products up to a total degree."""
+    return np.array([p for p in product(range(degree + 1), repeat=3) if sum(p) <= degree])
+
+
 def polynomial_space(vertices: np.ndarray, faces: np.ndarray, degree: int) -> PolynomialSpace:
     """Return the polynomial displacements up to a total degree of the solid in a closed surface (V, 3), (F, 3)."""
     return polynomial_spaces(vertices, faces, [degree])[0]
@@ -88,7 +93,7 @@ def polynomial_spaces(
 
 def _space(moments: np.ndarray, degree: int, axes, middle, half) -> PolynomialSpace:
     """Return the space of a degree N from the moments (2N + 1, 2N + 1, 2N + 1); those above ``2N`` are not used."""
-    powers = np.array([p for p in product(range(degree + 1), repeat=3) if sum(p) <= degree])
+    powers = exponents(degree)
     gram = half.prod() * _gram(moments, powers)
     slopes = [_slope(powers, axis) / half[axis] for axis in range(3)]
     turn = _orthonormalising(gram)

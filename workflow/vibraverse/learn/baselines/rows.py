@@ -25,33 +25,16 @@ def _frequencies(task):
 
     Each body counts in all named materials.
     """
-    samples = task.samples
-    materials = list(samples.materials)
-
-    def bodies_of(side: str) -> statistics.Bodies:
-        chosen, many = task.sides[side], len(materials)
-        parameters = {
-            name: np.tile([samples.materials[one][name] for one in materials], len(chosen))
-            for name in ("young_pa", "density_kg_m3", "poisson")
-        }
-        return statistics.Bodies(
-            invariants=np.repeat(samples.rows("invariants", chosen), many, axis=0),
-            volume_m3=np.repeat(samples.rows("volume_m3", chosen), many),
-            ritz=at_materials(samples, chosen).reshape(len(chosen) * many, len(samples.ritz_degrees), -1),
-            material=np.tile(materials, len(chosen)),
-            **parameters,
-        )
+    samples, many = task.samples, len(task.samples.materials)
 
     def hertz(tested: statistics.Bodies, log_omega: np.ndarray) -> dict[str, np.ndarray]:
-        return {"found_hz": tested.hertz(log_omega).reshape(-1, len(materials), log_omega.shape[-1])}
+        return {"found_hz": tested.hertz(log_omega).reshape(-1, many, log_omega.shape[-1])}
 
-    trained = bodies_of(TRAIN)
-    frequencies = samples.rows("frequencies_hz", task.sides[TRAIN])
-    log_omega = trained.log_omega(frequencies.reshape(-1, frequencies.shape[-1]))
+    trained, log_omega = known(samples, task.sides[TRAIN])
     for name, fit in statistics.BASELINES.items():
 
         def answers(side: str, fit=fit) -> dict[str, np.ndarray]:
-            tested = bodies_of(side)
+            tested = in_all_materials(samples, task.sides[side])
             return hertz(tested, fit(trained, log_omega)(tested))
 
         yield name, answers
@@ -59,13 +42,36 @@ def _frequencies(task):
     for number, degree in enumerate(samples.ritz_degrees):
 
         def answers(side: str, number=number) -> dict[str, np.ndarray]:
-            tested = bodies_of(side)
+            tested = in_all_materials(samples, task.sides[side])
             return hertz(tested, tested.ritz[:, number])
 
         yield f"polynomial Ritz, N = {degree}", answers
 
 
-def at_materials(samples, bodies: np.ndarray) -> np.ndarray:
+def known(samples, chosen: np.ndarray) -> tuple[statistics.Bodies, np.ndarray]:
+    """Return bodies in all named materials, and the logarithms of their dimensionless frequencies (n, m)."""
+    found = in_all_materials(samples, chosen)
+    frequencies = samples.rows("frequencies_hz", chosen)
+    return found, found.log_omega(frequencies.reshape(-1, frequencies.shape[-1]))
+
+
+def in_all_materials(samples, chosen: np.ndarray) -> statistics.Bodies:
+    """Return what predictors may know of bodies, each in all named materials, one below the other."""
+    materials, many = list(samples.materials), len(samples.materials)
+    parameters = {
+        name: np.tile([samples.materials[one][name] for one in materials], len(chosen))
+        for name in ("young_pa", "density_kg_m3", "poisson")
+    }
+    return statistics.Bodies(
+        invariants=np.repeat(samples.rows("invariants", chosen), many, axis=0),
+        volume_m3=np.repeat(samples.rows("volume_m3", chosen), many),
+        ritz=_at_materials(samples, chosen).reshape(len(chosen) * many, len(samples.ritz_degrees), -1),
+        material=np.tile(materials, len(chosen)),
+        **parameters,
+    )
+
+
+def _at_materials(samples, bodies: np.ndarray) -> np.ndarray:
     """Return the logarithms of the Ritz frequencies (n, materials, d, m) at the materials' Poisson's ratios."""
     at = np.interp(
         [one["poisson"] for one in samples.materials.values()],

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibraverse.learn.baselines.galerkin import at_nodes
 from vibraverse.learn.baselines.polynomials import polynomial_space
 from vibraverse.physics.basis import boundary
 from vibraverse.physics.eigensolver import solve
@@ -37,11 +38,7 @@ def linear(operators: Operators, block: int, poisson: float, rng: np.random.Gene
     vectors = solve(coarse, poisson, block, rng=rng, tolerance=1e-3).vectors
     if operators.order == 1:
         return vectors
-    at = vectors.reshape(len(points), 3, -1)
-    fine = np.empty((len(operators.nodes), *at.shape[1:]))
-    fine[: len(points)] = at
-    ends = operators.mesh.edges
-    fine[len(points) :] = 0.5 * (at[ends[0]] + at[ends[1]])
+    fine = at_nodes(operators, vectors.reshape(len(points), -1))
     return fine.reshape(3 * len(operators.nodes), -1)
 
 

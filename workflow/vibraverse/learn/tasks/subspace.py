@@ -19,10 +19,12 @@ from torch.utils.checkpoint import checkpoint
 
 from vibraverse.contract.seeds import rng
 from vibraverse.learn import inside, subspaces
-from vibraverse.learn.baselines.galerkin import check_enough, elastic_basis
+from vibraverse.learn.baselines.galerkin import at_nodes, check_enough, elastic_basis
+from vibraverse.learn.baselines.polynomials import exponents
 from vibraverse.learn.networks.fields import BodyCode, Fields
 from vibraverse.learn.precision import exact, tf32
 from vibraverse.learn.samples import Samples
+from vibraverse.learn.scaling import log_dimensionless
 from vibraverse.learn.sides import TRAIN
 from vibraverse.learn.tasks.bodies import Bodies, Drawn
 from vibraverse.learn.tasks.frequencies import Frequencies, between
@@ -42,7 +44,7 @@ _MORE = 4
 
 def dimension(degree: int) -> int:
     """Return the number of polynomial displacements up to a total degree."""
-    return (degree + 1) * (degree + 2) * (degree + 3) // 2
+    return 3 * len(exponents(degree))
 
 
 class Subspace(nn.Module):
@@ -208,11 +210,6 @@ class SubspaceTask(Frequencies):
         return {"found_hz": np.stack(found, axis=1), "true_hz": true}
 
 
-def at_nodes(operators: Operators, values: np.ndarray) -> np.ndarray:
-    """Return values (N, k) of the vertices at all nodes of quadratic elements: in edges' middles the ends' means."""
-    return np.concatenate([values, values[operators.mesh.edges].mean(axis=0)])
-
-
 def spectra_on(operators: Operators, space: np.ndarray, poisson, modes: int) -> np.ndarray:
     """Return the logarithms (k, m) of the dimensionless Ritz frequencies of fields (3N, n) at Poisson's ratios (k,).
 
@@ -231,4 +228,4 @@ def spectra_on(operators: Operators, space: np.ndarray, poisson, modes: int) -> 
                 lam * k_lambda + mu * k_mu, mass, eigvals_only=True, subset_by_index=(0, modes - 1)
             )
         )
-    return 0.5 * np.log(found) + np.log(operators.volume) / 3.0
+    return log_dimensionless(np.array(found), operators.volume)

@@ -66,7 +66,7 @@ class Learning:
         )
 
     def _sides(self) -> list[dict]:
-        """Return the numbers of bodies trained on and tested, by object and over the folds by family."""
+        """Return the numbers of bodies trained on and tested, by object and over folds."""
         found = []
         for split in ("object", "shuffled", "family"):
             chosen = [sides for name, sides in self.sides.items() if name.partition("-")[0] == split]

@@ -31,7 +31,7 @@ class Trained:
 
     @property
     def split(self) -> str:
-        """``object``, or ``family-K``."""
+        """``object``, ``shuffled-K`` or ``family-K``."""
         return self.evaluation["split"]
 
     @property
@@ -63,5 +63,5 @@ def answerers(trainings: Sequence[Trained]) -> list[Trained]:
     by_split: dict[str, dict[str, Trained]] = {}
     for one in sorted(trainings, key=lambda one: one.evaluation["seed"]):
         by_split.setdefault(one.split, {}).setdefault(one.model, one)
-    # "object" sorts behind "family-K".
+    # "object" and "shuffled-K" sort behind "family-K".
     return list(by_split[max(by_split)].values()) if by_split else []
