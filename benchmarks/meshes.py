@@ -126,7 +126,7 @@ def _tets(solidity: str, surface, row: dict, timed) -> None:
     from vibraverse.geometry import surfaces
     from vibraverse.geometry.meshing import quality
     from vibraverse.geometry.meshing.tets import tetrahedralise
-    from vibraverse.physics.basis import boundary
+    from vibraverse.physics.boundary import boundary
 
     try:
         mesh = timed(f"tets {solidity}", tetrahedralise, *surface)

@@ -58,6 +58,10 @@ def test_numbers_that_yaml_takes_for_text(tmp_path):
             "unknown key 'dataset.shard'; did you mean 'shards'? (known: shards, splits, ",
         ),
         (
+            {"learn": {"features": {"ritz_degrees": [6, 4, 4]}}},
+            "learn.features.ritz_degrees: [6, 4, 4] do not ascend; write [4, 6]",
+        ),
+        (
             {"learn": {"gpus": 3}},
             "learn: frequencies.training.batch_size is 16, which 3 GPUs cannot share equally; make it a multiple",
         ),

@@ -13,7 +13,7 @@ from vibraverse.contract.seeds import rng
 from vibraverse.learn.baselines import elements, starts
 from vibraverse.learn.baselines.galerkin import from_fields, ritz
 from vibraverse.learn.baselines.polynomials import polynomial_ritz, polynomial_space
-from vibraverse.physics.basis import boundary
+from vibraverse.physics.boundary import boundary
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
 from vibraverse.physics.materials import MATERIALS, lame

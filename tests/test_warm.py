@@ -276,7 +276,7 @@ def test_requests_survive_the_round_trip(monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("ODD", "a=b\nc\udcff")
     argv = ["sources", "", "--options", '{"a": "é"}', "a=b"]
-    identity, folder, mask, asked, environment = warm.parse(warm.request(argv))
+    identity, folder, mask, asked, environment = warm.parse(warm.request(warm.identity(), argv))
     assert (identity, folder, asked) == (warm.identity(), str(tmp_path), argv)
     assert environment == dict(os.environ)
     assert mask == os.umask(mask)

@@ -43,6 +43,14 @@ class Features(Section):
     view_px: int = Field(64, ge=16, le=1024)
     """Width and height of the pictures in pixels."""
 
+    @field_validator("ritz_degrees")
+    @classmethod
+    def _degrees_ascend(cls, degrees: list[int]):
+        # The last one is the finest, which corrections start from.
+        if degrees != sorted(set(degrees)):
+            raise ValueError(f"{degrees} do not ascend; write {sorted(set(degrees))}")
+        return degrees
+
 
 class Network(Section):
     """Size of the networks."""

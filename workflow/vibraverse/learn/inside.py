@@ -22,6 +22,7 @@ from scipy.sparse.linalg import eigsh, splu
 
 from vibraverse.contract.seeds import rng
 from vibraverse.geometry.meshing.quality import volumes as signed_volumes
+from vibraverse.physics.boundary import boundary
 
 #: Number of harmonics, the constant one not counted.
 HARMONICS = 16
@@ -44,7 +45,7 @@ def describe(points: np.ndarray, cells: np.ndarray) -> dict[str, np.ndarray]:
     if signed_volumes(points, cells[:1])[0] < 0:
         cells = cells[:, [1, 0, 2, 3]]  # the frame is left-handed, and elements must be positively oriented
     stiffness, mass = _laplacian(points, cells)
-    torsion = _torsion(stiffness, mass, np.unique(boundary(cells)))
+    torsion = _torsion(stiffness, mass, boundary(cells)[1])
     values, harmonics = _harmonics(stiffness, mass)
     highest = max(torsion.max(), np.finfo(np.float32).tiny)
     return {
@@ -73,16 +74,6 @@ def in_own_frame(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     first, squares, cubes = (np.sum(along**power, axis=1) for power in (1, 2, 3))
     third = volumes @ (first**3 + 3 * first * squares + 2 * cubes)
     return (points - centre) @ (axes * np.where(third < 0, -1.0, 1.0)) / np.cbrt(volume)
-
-
-def boundary(cells: np.ndarray) -> np.ndarray:
-    """Return the triangles (F, 3) that belong to one tetrahedron of (T, 4) alone.
-
-    ``physics.basis`` has one too, but imports a solver that the environment of learning lacks.
-    """
-    faces = np.sort(np.concatenate([np.delete(cells, corner, axis=1) for corner in range(4)]), axis=1)
-    unique, counts = np.unique(faces, axis=0, return_counts=True)
-    return unique[counts == 1]
 
 
 def slopes(corners: np.ndarray) -> np.ndarray:

@@ -1,6 +1,7 @@
-"""The client of a warm process: a stage's command hands its work over; ``warm_process`` is the server.
+"""The clients of a warm process: commands that hand their work over; ``warm_process`` is the server.
 
-There are ten such commands for each object, so this module imports as little as possible.
+A stage's command is one, and what stands before Apptainer on the PATH (``entrance``) the other. There are ten of each
+for an object, so this module imports as little as possible.
 """
 
 from __future__ import annotations
@@ -14,12 +15,17 @@ import zlib
 #: Environment variable with the address of a warm process; if it is set, even to "", none is started. The address is a
 #: name in Linux's abstract socket namespace, which leaves no file behind.
 VARIABLE = "VIBRAVERSE_WARM"
+#: Environment variable with the beginnings of the commands whose image has a warm process: words of ``apptainer``
+#: separated by ``\\t``, each such list on a line. The last word is the image.
+ENTRANCES = "VIBRAVERSE_ENTRANCES"
 #: Subcommand of ``python -m vibraverse`` that starts a warm process; not for people.
 SUBCOMMAND = "warm-process"
 #: Prefix of a message: its length in bytes.
 LENGTH = struct.Struct("!I")
 #: ``struct ucred``, the credentials of the process at the other end: process, user, group.
 _CREDENTIALS = struct.Struct("3i")
+#: What stands for the installation in a request to run any command in the image of the warm process.
+ENTER = "enter"
 #: Exit status by which a warm process declines a command; no stage ends with it.
 DECLINED = 79
 
@@ -34,9 +40,13 @@ def identity() -> list[str]:
     return [sys.prefix, os.path.realpath(__file__), container()]
 
 
-def socket_name(address: str) -> str:
-    """Return the abstract socket name of a warm process; there is one per image of a run."""
-    image = container()
+def visitor(image: str) -> list[str]:
+    """Return what :func:`identity` does for any command that is to run in an image, and sees the same processes."""
+    return [ENTER, os.readlink("/proc/self/ns/pid"), image]
+
+
+def socket_name(address: str, image: str) -> str:
+    """Return the abstract socket name of a warm process; there is one per image of a run, "" for that outside."""
     return f"\0{address}-{zlib.crc32(os.fsencode(image)):08x}" if image else f"\0{address}"
 
 
@@ -54,12 +64,8 @@ def ask(address: str, argv: list[str]) -> int | None:
         return None
     with socket.socket(socket.AF_UNIX) as connection:
         try:
-            connection.connect(socket_name(address))
-            if not ours(connection):
+            if not _sent(connection, socket_name(address, container()), request(identity(), argv)):
                 return None
-            message = request(argv)
-            socket.send_fds(connection, [LENGTH.pack(len(message))], [0, 1, 2])
-            connection.sendall(message)
             answer = connection.makefile("r").read()
         except OSError:  # nothing listens there, or it ended before it took the command
             return None
@@ -69,12 +75,65 @@ def ask(address: str, argv: list[str]) -> int | None:
     return None if int(answer) == DECLINED else int(answer)
 
 
-def request(argv: list[str]) -> bytes:
+def enter(argv: list[str]) -> int | None:
+    """Let the warm process of an image run what ``apptainer`` is asked to, ``argv``; return as :func:`ask` does.
+
+    Starting a container takes longer than many a job. The warm process is in the same one, so it runs the command, and
+    what this process is told by signals is passed on.
+    """
+    address, words = os.environ.get(VARIABLE), "\t".join(argv) + "\t"
+    begun = next(
+        (one for one in os.environ.get(ENTRANCES, "").splitlines() if words.startswith(f"{one}\t")), ""
+    )
+    if not address or not begun:
+        return None
+    beginning = begun.split("\t")
+    image = os.path.realpath(beginning[-1])
+    with socket.socket(socket.AF_UNIX) as connection:
+        try:
+            message = request(visitor(image), argv[len(beginning) :])
+            if not _sent(connection, socket_name(address, image), message):
+                return None
+            answers = connection.makefile("r")
+            process = answers.readline()
+        except OSError:
+            return None
+        if not process.endswith("\n"):
+            return None  # declined
+        _pass_on_signals(int(process))
+        status = answers.read()
+    return int(status) if status else 1
+
+
+def _pass_on_signals(group: int) -> None:
+    """Send every signal that asks this process to end to a group of processes instead."""
+    import contextlib
+    import signal
+
+    def pass_on(number: int, frame) -> None:
+        with contextlib.suppress(ProcessLookupError):  # it has ended
+            os.killpg(group, number)
+
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2):
+        signal.signal(number, pass_on)
+
+
+def _sent(connection: socket.socket, name: str, message: bytes) -> bool:
+    """Send a message and the standard files to the process at a name; return whether it is this user's."""
+    connection.connect(name)
+    if not ours(connection):
+        return False
+    socket.send_fds(connection, [LENGTH.pack(len(message))], [0, 1, 2])
+    connection.sendall(message)
+    return True
+
+
+def request(identity: list[str], argv: list[str]) -> bytes:
     """Return a command as a message: everything that its own process would have, except open files."""
     mask = os.umask(0)
     os.umask(mask)
     variables = [f"{name}={value}" for name, value in os.environ.items()]
-    return os.fsencode("\0".join([*identity(), os.getcwd(), str(mask), str(len(argv)), *argv, *variables]))
+    return os.fsencode("\0".join([*identity, os.getcwd(), str(mask), str(len(argv)), *argv, *variables]))
 
 
 def parse(message: bytes) -> tuple[list[str], str, int, list[str], dict[str, str]]:

@@ -6,6 +6,9 @@ A stage's command that finds the address in ``VIBRAVERSE_WARM`` sends its argume
 The job is the same: its log, its limits, its products. A command runs by itself if nothing listens, if it comes from
 another installation, or if it wants more threads.
 
+In an image the warm process runs whole commands, too: starting a container takes longer than many a job. A program in
+``entrance/`` stands before Apptainer on the PATH of the run, hands such commands over, and starts Apptainer otherwise.
+
 The warm process forks a job for each command. It returns the job's exit status to the command, and kills the job when
 the command is gone. It ends with the run that started it, however that ends; jobs that still work then finish.
 """
@@ -15,6 +18,7 @@ from __future__ import annotations
 import contextlib
 import gc
 import importlib
+import json
 import os
 import secrets
 import select
@@ -25,8 +29,10 @@ import subprocess
 import sys
 import tempfile
 import traceback
-from collections.abc import Callable, Mapping
+import zlib
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from pathlib import Path
 
 from vibraverse.contract.limits import die_with, threads
 from vibraverse.flow.steps import STEPS
@@ -36,6 +42,8 @@ from vibraverse.machine.threads import ROUNDING, set_threads
 
 #: Fewest jobs for which a warm process saves more time than its imports take.
 MIN_JOBS = 10
+#: Variable of a warm process in an image: checksums of the variables outside, by name. Others are the image's own.
+_OUTSIDE = "VIBRAVERSE_OUTSIDE"
 _HANGUP = select.POLLHUP | select.POLLERR | select.POLLRDHUP
 
 
@@ -52,6 +60,7 @@ def keep_warm(jobs: Mapping[str, int], apptainer_args: str = "") -> None:
     address = f"vibraverse-{os.getpid()}-{secrets.token_hex(8)}"
     # The end of this process closes the writing end of the pipe, and so tells the warm processes that the run is over.
     reading, _held = os.pipe()
+    outside = json.dumps({name: _checksum(value) for name, value in os.environ.items()})
     for image in images:
         # -P: Python must not import modules from the working folder.
         command = ["-P", "-m", "vibraverse", warm.SUBCOMMAND, address]
@@ -60,12 +69,23 @@ def keep_warm(jobs: Mapping[str, int], apptainer_args: str = "") -> None:
             if not image
             else [*_in_image(image, apptainer_args), "python", *command],
             stdin=reading,
+            env={**os.environ, _OUTSIDE: outside} if image else None,
             # A reader of the run's output must not have to wait for this process to end.
             stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
         )
     os.close(reading)
     os.environ[warm.VARIABLE] = address
+    if any(images):
+        _open_entrances([image for image in images if image], apptainer_args)
+
+
+def _open_entrances(images: Sequence[str], apptainer_args: str) -> None:
+    """Let this process's ``apptainer`` commands run in the warm processes of their images."""
+    os.environ[warm.ENTRANCES] = "\n".join(
+        "\t".join(_in_image(image, apptainer_args)[1:]) for image in images
+    )
+    os.environ["PATH"] = f"{Path(__file__).parent / 'entrance'}{os.pathsep}{os.environ['PATH']}"
 
 
 def _in_image(image: str, arguments: str) -> list[str]:
@@ -76,6 +96,7 @@ def _in_image(image: str, arguments: str) -> list[str]:
 def serve(main: Callable[[list[str]], int], address: str) -> None:
     """Import, then fork jobs until the pipe on standard input has no writer; ``main`` is the command line."""
     run_ends = os.dup(sys.stdin.fileno())
+    own = _own_variables()
     use_compiled_loops()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the run, and its end ends this process
     for step in preparation():
@@ -88,9 +109,21 @@ def serve(main: Callable[[list[str]], int], address: str) -> None:
     gc.collect()
     gc.freeze()  # otherwise a job's first collection writes to every object, and the kernel copies each page
     with socket.socket(socket.AF_UNIX) as listening:
-        listening.bind(warm.socket_name(address))
+        listening.bind(warm.socket_name(address, warm.container()))
         listening.listen(64)
-        Server(main, listening, run_ends).serve()
+        Server(main, listening, run_ends, own).serve()
+
+
+def _own_variables() -> dict[str, str]:
+    """Return the variables that the image of this process has set; none outside an image."""
+    outside = json.loads(os.environ.pop(_OUTSIDE, "null"))
+    if outside is None:
+        return {}
+    return {name: value for name, value in os.environ.items() if outside.get(name) != _checksum(value)}
+
+
+def _checksum(value: str) -> int:
+    return zlib.crc32(os.fsencode(value))
 
 
 def preparation() -> list[Callable[[], object]]:
@@ -109,10 +142,19 @@ def _prepare(stage: str) -> None:
 
 
 class Server:
-    """The server that forks a job for every command, until ``run_ends`` hangs up and no job is left."""
+    """The server that forks a job for every command, until ``run_ends`` hangs up and no job is left.
 
-    def __init__(self, main: Callable[[list[str]], int], listening: socket.socket, run_ends: int):
-        self._main = main
+    ``own`` are the variables that its image sets.
+    """
+
+    def __init__(
+        self,
+        main: Callable[[list[str]], int],
+        listening: socket.socket,
+        run_ends: int,
+        own: Mapping[str, str],
+    ):
+        self._main, self._own = main, own
         self._listening, self._run_ends = listening, run_ends
         self._identity = warm.identity()
         self._poll = select.poll()
@@ -139,7 +181,7 @@ class Server:
                     self._end(descriptor)
                 elif descriptor in self._connections:  # the command is gone
                     self._poll.unregister(descriptor)
-                    os.kill(self._connections[descriptor][1], signal.SIGKILL)
+                    _kill(self._connections[descriptor][1])
                 elif open_ and descriptor == self._listening.fileno():
                     self._begin()  # any other descriptor belongs to a command and job that have both just ended
 
@@ -160,7 +202,7 @@ class Server:
             try:
                 die_with(server)
                 self._close()
-                status = _work(self._main, connection, self._identity)
+                status = _work(self._main, connection, self._identity, self._own)
             finally:
                 os._exit(status)
         watched = os.pidfd_open(job)
@@ -194,25 +236,42 @@ class Server:
             os.close(watched)
 
 
-def _work(main: Callable[[list[str]], int], connection: socket.socket, identity: list[str]) -> int:
+def _kill(job: int) -> None:
+    """Kill a job, and with it all of its group if it leads one."""
+    try:
+        os.killpg(job, signal.SIGKILL)
+    except ProcessLookupError:
+        os.kill(job, signal.SIGKILL)
+
+
+def _work(
+    main: Callable[[list[str]], int],
+    connection: socket.socket,
+    identity: list[str],
+    own: Mapping[str, str],
+) -> int:
     """Run a command as its own process would; return its exit status."""
     with connection:
         head, files, _, _ = socket.recv_fds(connection, warm.LENGTH.size, 3)
         message = connection.makefile("rb").read(warm.LENGTH.unpack(head)[0])
-    try:
-        theirs, folder, mask, argv, environment = warm.parse(message)
-    except ValueError:
-        return warm.DECLINED
-    rounding = {name: environment.get(name, os.environ.get(name)) for name in ROUNDING}
-    if theirs != identity or rounding != {name: os.environ.get(name) for name in ROUNDING}:
-        return warm.DECLINED
-    for number, file in enumerate(files):
-        os.dup2(file, number)
-        os.close(file)
+        try:
+            theirs, folder, mask, argv, environment = warm.parse(message)
+        except ValueError:
+            return warm.DECLINED
+        entering = theirs == warm.visitor(warm.container())
+        if entering:
+            os.setpgid(0, 0)  # what the command starts ends with it
+            connection.sendall(f"{os.getpid()}\n".encode())
+        elif theirs != identity or any(
+            environment.get(name, os.environ.get(name)) != os.environ.get(name) for name in ROUNDING
+        ):
+            return warm.DECLINED
+    _take_over(files, folder, mask)
+    if entering:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+        os.execvpe(argv[0], argv, {**environment, **own})
     sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
     sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
-    os.chdir(folder)
-    os.umask(mask)
     os.environ.clear()
     os.environ.update(environment)
     os.environ.pop(warm.VARIABLE, None)
@@ -228,3 +287,12 @@ def _work(main: Callable[[list[str]], int], connection: socket.socket, identity:
     sys.stdout.flush()
     sys.stderr.flush()
     return status
+
+
+def _take_over(files: Sequence[int], folder: str, mask: int) -> None:
+    """Take a command's standard files, its working folder and its umask."""
+    for number, file in enumerate(files):
+        os.dup2(file, number)
+        os.close(file)
+    os.chdir(folder)
+    os.umask(mask)

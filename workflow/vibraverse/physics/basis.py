@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibraverse.physics.boundary import boundary
 from vibraverse.physics.columns import combine, signs
 from vibraverse.physics.eigensolver import RIGID, solve
 from vibraverse.physics.elasticity import Operators, assemble
@@ -180,18 +181,6 @@ def _compress(
         if error <= _COMPRESSION_TARGET * max_error:
             break
     return turn, float(error)
-
-
-def boundary(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the boundary of tetrahedra (T, 4): outward triangles (F, 3) and the points that they use (V,), ascending.
-
-    The triangles index into those points.
-    """
-    faces = cells[:, [[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]]].reshape(-1, 3)
-    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    faces = faces[np.sort(first[count == 1])]
-    nodes, index = np.unique(faces, return_inverse=True)
-    return index.reshape(-1, 3).astype(np.int32), nodes
 
 
 def _positions(cells: np.ndarray, nodes: np.ndarray) -> np.ndarray:

@@ -10,7 +10,7 @@ import numpy as np
 
 from vibraverse.learn.baselines.galerkin import at_nodes
 from vibraverse.learn.baselines.polynomials import polynomial_space
-from vibraverse.physics.basis import boundary
+from vibraverse.physics.boundary import boundary
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import Operators, assemble
 
