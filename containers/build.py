@@ -20,7 +20,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from vibraverse.contract.texts import unknown
@@ -30,8 +29,6 @@ from vibraverse.machine import containers
 _COMPRESSION = ["--mksquashfs-args", "-comp zstd -Xcompression-level 6"]
 _BASE_PARTS = ("containers/base.def", "envs/system.sh", "envs/system.txt")
 _PIP_KEYS = ("index-url", "extra-index-url", "find-links", "trusted-host", "proxy", "timeout")
-#: Images built at once, at most: each fills some gigabytes of the temporary folder.
-_TOGETHER = 4
 _CERTIFICATES = "/etc/ssl/certs/ca-certificates.crt"
 
 
@@ -147,14 +144,12 @@ def make_base(image: Path, base: str) -> None:
 
 def make_family(image: Path, base: Path, family: str) -> None:
     """Build the image of one family on the base, and test it from read-only storage."""
-    started = time.perf_counter()
     labels = containers.labels(family)
     values = {name.rpartition(".")[2].upper(): value for name, value in labels.items()}
     with tempfile.TemporaryDirectory(prefix="vibraverse-image-") as name:
         staged = stage(family, Path(name) / "vibraverse")
         options = arguments(BASE=str(base), STAGED=str(staged), **values)
         apptainer_build(image, "family.def", *options, *pip_settings(Path(name)))
-    report(family, image, started)
 
 
 def report(name: str, image: Path, started: float) -> None:
@@ -166,7 +161,7 @@ def report(name: str, image: Path, started: float) -> None:
 
 
 def main(families: list[str], base: str) -> None:
-    """Build the images that are out of date, some at once."""
+    """Build the images that are out of date, in order."""
     for family in families:
         if family not in containers.ALL:
             raise Failed(unknown("family", family, containers.ALL))
@@ -179,27 +174,21 @@ def main(families: list[str], base: str) -> None:
             "The command apptainer is not there: install Apptainer, or see docs/containers.md for others."
         )
     folder = Path(containers.folder()).absolute()
-    stale = {}
-    for family in families:
-        image = folder / containers.file_name(family)
-        difference = containers.differences(family, image)
-        print(f"{family}: {image.name} {difference}" if difference else f"{family}: up to date", flush=True)
-        if difference:
-            stale[family] = image
-    if not stale:
-        return
+    wanted = {family: folder / containers.file_name(family) for family in families}
+    differing = {family: containers.differences(family, image) for family, image in wanted.items()}
     base_image = folder / containers.file_name("base")
-    started = time.perf_counter()
-    make_base(base_image, base)
-    if time.perf_counter() - started > 2:
-        report("base", base_image, started)
-    with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), _TOGETHER)) as pool:
-        builds = [pool.submit(make_family, image, base_image, family) for family, image in stale.items()]
-    failures = [str(failed) for build in builds if isinstance(failed := build.exception(), Failed)]
-    if failures:
-        raise Failed("\n".join(failures))
-    for build in builds:
-        build.result()
+    for family, image in wanted.items():
+        if not differing[family]:
+            print(f"{family}: up to date")
+            continue
+        print(f"{family}: {image.name} {differing[family]}", flush=True)
+        started = time.perf_counter()
+        make_base(base_image, base)
+        if time.perf_counter() - started > 2:
+            report("base", base_image, started)
+        started = time.perf_counter()
+        make_family(image, base_image, family)
+        report(family, image, started)
 
 
 if __name__ == "__main__":

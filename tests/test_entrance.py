@@ -111,6 +111,14 @@ def test_signals_reach_the_command(run):
     assert (job.stdout.read(), job.wait()) == ("ended\n", 3)
 
 
+def test_a_scheduler_that_signals_all_processes_leaves_commands_the_time_they_need(run):
+    job = run.shell("trap 'sleep 0.5; echo saved; exit 3' TERM; echo begun; while :; do sleep 0.05; done")
+    assert job.stdout.readline() == "begun\n"
+    for process in (job.pid, run.process):
+        os.kill(process, signal.SIGTERM)
+    assert (job.stdout.read(), job.wait()) == ("saved\n", 3)
+
+
 def test_a_killed_command_takes_what_it_started_along(run):
     job = run.shell("sleep 300 & echo $!; wait")
     asleep = int(job.stdout.readline())

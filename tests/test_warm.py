@@ -192,6 +192,7 @@ def test_a_command_with_more_threads_or_of_another_installation_works_by_itself(
 ):
     running, _ = process
     assert warm.ask(running.address, ["sources", "--threads", "2"]) is None
+    assert warm.ask(running.address, ["train", "--threads", "1"]) is None
     monkeypatch.setattr(sys, "prefix", "/somewhere/else")
     assert warm.ask(running.address, ["sources"]) is None
     assert warm.ask(str(tmp_path / "nothing"), ["sources"]) is None

@@ -26,6 +26,8 @@ LENGTH = struct.Struct("!I")
 _CREDENTIALS = struct.Struct("3i")
 #: What stands for the installation in a request to run any command in the image of the warm process.
 ENTER = "enter"
+#: Stages that save what they have when a scheduler tells them to end, so that its signals must reach them.
+_SIGNALLED = ("train",)
 #: Exit status by which a warm process declines a command; no stage ends with it.
 DECLINED = 79
 
@@ -60,7 +62,7 @@ def ask(address: str, argv: list[str]) -> int | None:
     """Let the warm process at an address run a command; return its exit status, or None if it must run here."""
     from vibraverse.machine.threads import asked_threads
 
-    if asked_threads(argv) != "1":
+    if argv[0] in _SIGNALLED or asked_threads(argv) != "1":
         return None
     with socket.socket(socket.AF_UNIX) as connection:
         try:

@@ -44,6 +44,8 @@ from vibraverse.machine.threads import ROUNDING, set_threads
 MIN_JOBS = 10
 #: Variable of a warm process in an image: checksums of the variables outside, by name. Others are the image's own.
 _OUTSIDE = "VIBRAVERSE_OUTSIDE"
+#: Signals that ask a process to end.
+_ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGUSR1, signal.SIGUSR2)
 _HANGUP = select.POLLHUP | select.POLLERR | select.POLLRDHUP
 
 
@@ -98,7 +100,9 @@ def serve(main: Callable[[list[str]], int], address: str) -> None:
     run_ends = os.dup(sys.stdin.fileno())
     own = _own_variables()
     use_compiled_loops()
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the run, and its end ends this process
+    # Ctrl-C or a scheduler ends the run, and its end ends this process. Jobs may need longer.
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_IGN)
     for step in preparation():
         if select.select([run_ends], [], [], 0)[0]:
             return
@@ -267,8 +271,9 @@ def _work(
         ):
             return warm.DECLINED
     _take_over(files, folder, mask)
+    for number in _ENDING:
+        signal.signal(number, signal.SIG_DFL)
     if entering:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
         os.execvpe(argv[0], argv, {**environment, **own})
     sys.stdin, sys.stdout = os.fdopen(0), os.fdopen(1, "w")
     sys.stderr = os.fdopen(2, "w", buffering=1, errors="backslashreplace")
