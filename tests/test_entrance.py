@@ -17,7 +17,7 @@ from vibraverse.machine import warm
 #: A container that is none: it says that it starts, and sets variables as an image does.
 CONTAINER = """
 echo "$@" >> {started}
-[ "$1" = exec ] || exit 0
+[ "$1" = exec ] || {{ echo apptainer version 1.3.0; exit 0; }}
 while [ "$1" != {image} ]; do shift; done
 shift
 export APPTAINER_CONTAINER={image} OWN=image
@@ -32,21 +32,49 @@ print(*(os.environ[name] for name in ("PATH", warm.VARIABLE, warm.ENTRANCES)), s
 input()
 """
 
+#: A run of twelve jobs in an image, which waits for its warm process.
+SNAKEFILE = """
+import os, shlex, sys, time
+from vibraverse.machine import internals, warm, warm_process
+
+image = os.environ["IMAGE"]
+
+rule all:
+    input: [f"out/{n}" for n in range(12)]
+
+rule one:
+    output: "out/{n}"
+    container: image
+    shell: "echo $OWN > {output}"
+
+onstart:
+    arguments = internals.container_arguments(workflow)
+    warm_process.keep_warm({image: 12}, arguments)
+    while warm.enter(["exec", "--home", os.getcwd(), *shlex.split(arguments), image, "true"]) is None:
+        time.sleep(0.1)
+"""
+
+
+def stand_in(folder: Path) -> tuple[Path, dict[str, str]]:
+    """Return an image, and an environment with commands that stand in for Apptainer and list what they start."""
+    image, commands = folder / "one.sif", folder / "bin"
+    image.touch()
+    commands.mkdir()
+    stub(commands, "apptainer", CONTAINER.format(started=folder / "started", image=image))
+    os.symlink("apptainer", commands / "singularity")
+    path = os.pathsep.join([str(commands), str(Path(sys.executable).parent), os.environ["PATH"]])
+    return image, {**os.environ, "PATH": path, "IMAGE": str(image), "OWN": "run"}
+
 
 class Run:
     """A run whose jobs work in an image: how its ``apptainer`` commands begin, and the containers it started."""
 
     def __init__(self, folder: Path):
-        image = folder / "one.sif"
         self.folder, self.started = folder, folder / "started"
-        (folder / "bin").mkdir()
-        stub(folder / "bin", "apptainer", CONTAINER.format(started=self.started, image=image))
-        os.symlink("apptainer", folder / "bin/singularity")
-        path = os.pathsep.join([str(folder / "bin"), str(Path(sys.executable).parent), os.environ["PATH"]])
+        image, environment = stand_in(folder)
         pipe = subprocess.PIPE
         self.program = subprocess.Popen(
-            [sys.executable, "-P", "-c", PROGRAM], cwd=folder, stdin=pipe, stdout=pipe, text=True,
-            env={**os.environ, "PATH": path, "IMAGE": str(image), "OWN": "run"},
+            [sys.executable, "-P", "-c", PROGRAM], cwd=folder, stdin=pipe, stdout=pipe, text=True, env=environment
         )  # fmt: skip
         path, address, entrances = self.program.stdout.readline().rstrip("\n").split("\0")
         (self.process,) = map(int, children(self.program.pid))
@@ -137,3 +165,17 @@ def test_without_its_warm_process_a_command_starts_apptainer(tmp_path):
     job = run.shell("exit 4")
     job.communicate()
     assert (job.returncode, run.containers()) == (4, before + 1)
+
+
+def test_snakemakes_jobs_share_one_container(tmp_path):
+    _, environment = stand_in(tmp_path)
+    (tmp_path / "Snakefile").write_text(SNAKEFILE)
+    command = ["snakemake", "--cores", "1", "--sdm", "apptainer", "--apptainer-args", "--bind '/a b'"]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert {(tmp_path / f"out/{n}").read_text() for n in range(12)} == {"image\n"}
+    started = (tmp_path / "started").read_text().splitlines()
+    assert [line for line in started if line.startswith("exec")] == [
+        line for line in started if warm.SUBCOMMAND in line
+    ]
+    assert "warm-process" in started[-1]

@@ -22,7 +22,7 @@ def warm_up(jobs):
     """Start warm processes for jobs, given as rule name and image; jobs in Conda environments start cold."""
     if not internals.in_conda(workflow):
         images = (image if in_containers and image else "" for name, image in jobs if name in VERSIONS)
-        keep_warm(Counter(images), internals.apptainer_arguments(workflow))
+        keep_warm(Counter(images), internals.container_arguments(workflow))
 
 
 # In a cluster job, Snakemake runs no hooks for a group of jobs, but it knows its jobs by now.

@@ -8,10 +8,12 @@ in any version; if one does not exist, the run ends with one sentence.
 from __future__ import annotations
 
 import itertools
+import shlex
 import sys
 import threading
 from collections.abc import Mapping
 from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
 
 from vibraverse.contract.errors import NotThere
 from vibraverse.contract.texts import counted
@@ -112,6 +114,13 @@ def in_containers(workflow) -> bool:
 def apptainer_arguments(workflow) -> str:
     """Return the arguments that the profile passes to every ``apptainer exec``."""
     return _read(workflow, "deployment_settings.apptainer_args")
+
+
+def container_arguments(workflow) -> str:
+    """Return all arguments of a job's ``apptainer exec``: those of the profile, and what Snakemake binds."""
+    bound = [Path(path).absolute() for path in _read(workflow, "runtime_paths")]
+    binds = [f"--bind {shlex.quote(str(path))}" for path in bound if path.exists()]
+    return " ".join([apptainer_arguments(workflow), *binds])
 
 
 def rules_with_set_resources(workflow) -> Mapping:
