@@ -31,6 +31,7 @@ from vibraverse.learn.baselines import elements, lobpcg, starts
 from vibraverse.learn.baselines.galerkin import Spectrum
 from vibraverse.learn.baselines.polynomials import polynomial_ritz
 from vibraverse.learn.baselines.rows import known
+from vibraverse.learn.baselines.splines import spline_ritz
 from vibraverse.learn.baselines.statistics import BASELINES, Bodies
 from vibraverse.learn.features import ritz_spectra
 from vibraverse.learn.invariants import invariants
@@ -40,7 +41,7 @@ from vibraverse.learn.trained import read
 from vibraverse.machine.threads import set_threads
 from vibraverse.physics.elasticity import assemble
 
-DEGREES, COARSE = (4, 6, 8), (400, 700, 1000)
+DEGREES, UNKNOWNS, COARSE = (4, 6, 8), (1000, 3000), (400, 700, 1000)
 #: LOBPCG's block: the modes wanted and guards.
 _GUARD = 12
 
@@ -76,12 +77,19 @@ def timed(make: Callable[[Body], np.ndarray], body: Body) -> tuple[np.ndarray, f
 
 
 def mechanical(modes: int, slow: bool) -> Iterator[tuple[str, Method]]:
-    """Yield polynomial Ritz, few elements, and the solvers on the dataset's tetrahedra."""
+    """Yield Ritz's method, few elements, and the solvers on the dataset's tetrahedra."""
     for degree in DEGREES:
         yield (
             f"polynomial Ritz, N = {degree}",
             lambda body, degree=degree: (
                 polynomial_ritz(*body.surface, body.material, body.scale_m, degree, modes).frequencies_hz
+            ),
+        )
+    for unknowns in UNKNOWNS:
+        yield (
+            f"spline Ritz, {unknowns:,} unknowns",
+            lambda body, unknowns=unknowns: (
+                spline_ritz(*body.surface, body.material, body.scale_m, unknowns, modes).frequencies_hz
             ),
         )
     for count in COARSE:
@@ -131,15 +139,16 @@ def statistical(samples, trained: np.ndarray) -> Iterator[tuple[str, Method]]:
     bodies, spectra = known(samples, trained)
     for name, fit in BASELINES.items():
         predict = fit(bodies, spectra)
-        yield name, partial(guessed, predict=predict, degrees=samples.ritz_degrees, uses_ritz="itz" in name)
+        yield name, partial(guessed, predict=predict, samples=samples, uses_ritz="Ritz" in name)
 
 
-def guessed(body: Body, predict, degrees: list[int], uses_ritz: bool) -> np.ndarray:
+def guessed(body: Body, predict, samples, uses_ritz: bool) -> np.ndarray:
     """Return what a fitted baseline says."""
     modes = len(body.true_hz)
-    ritz = np.zeros((1, len(degrees), modes))
+    spaces = samples.ritz_degrees, samples.ritz_unknowns
+    ritz = np.zeros((1, sum(map(len, spaces)), modes))
     if uses_ritz:
-        ritz = ritz_spectra(*body.surface, [body.material["poisson"]], degrees, modes)
+        ritz = ritz_spectra(*body.surface, [body.material["poisson"]], modes, *spaces)
     one = Bodies(
         invariants=invariants(*body.surface)[None],
         ritz=ritz,

@@ -26,7 +26,7 @@ MATERIALS = {
     "wood": {"density_kg_m3": 750.0, "young_pa": 1.1e10, "poisson": 0.25},
 }
 MODES = 24
-OPTIONS = Features(points=512, poisson_nodes=5, ritz_degrees=[2, 3], view_px=32)
+OPTIONS = Features(points=512, poisson_nodes=5, ritz_degrees=[2, 3], ritz_unknowns=[300], view_px=32)
 
 
 def sides_of(object_: str) -> np.ndarray:
@@ -104,7 +104,7 @@ def write(
         )
         stiff = [[one[name] for one in MATERIALS.values()] for name in ("young_pa", "density_kg_m3")]
         if invented_ritz:
-            above = np.linspace(0.4, 0.1, len(options.ritz_degrees))[:, None]
+            above = np.linspace(0.4, 0.1, len(options.ritz_degrees) + len(options.ritz_unknowns))[:, None]
             shape = {
                 "points": sample_surface(vertices, faces, options.points, rng(object_, solidity)),
                 "invariants": invariants(vertices, faces).astype(np.float32),
@@ -143,6 +143,7 @@ def write(
         "materials": MATERIALS,
         "poisson": poisson.tolist(),
         "ritz_degrees": options.ritz_degrees,
+        "ritz_unknowns": options.ritz_unknowns,
     }
     products.write_text(folder / "features.json", json.dumps(record))
     return folder

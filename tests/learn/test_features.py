@@ -17,6 +17,7 @@ from vibraverse.dataset import open as open_dataset
 from vibraverse.dataset.schema import SPLIT_COLUMNS
 from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.learn.baselines.polynomials import polynomial_ritz
+from vibraverse.learn.baselines.splines import spline_ritz
 from vibraverse.learn.features import sample_surface
 from vibraverse.learn.samples import Samples, at
 from vibraverse.learn.scaling import scaled, scaled_material, unit_hz, unscaled
@@ -69,23 +70,29 @@ def test_the_spectrum_and_the_frequencies_agree(made):
         np.testing.assert_allclose(found, samples.rows("frequencies_hz")[:, number], rtol=2e-4)
 
 
-def test_ritz_frequencies_are_bounds_that_fall_with_the_degree(made):
-    """And those of a ball and of a bar with its cavity are what the baseline finds for one material."""
+def test_ritz_frequencies_are_bounds_that_fall_with_the_unknowns(made):
+    """And those of a ball and of a bar with its cavity are what the baselines find for one material."""
     samples = at(made)
     ritz, spectra = samples.rows("ritz").astype(float), samples.rows("log_omega").astype(float)
     assert samples.ritz_degrees == [4, 6, 8]
-    assert (np.diff(ritz, axis=2) < 1e-6).all()
-    # Elements are bounds of their own, so where polynomials are nearly exact these may be a little below them.
-    assert (ritz[:, :, -1] > spectra - 0.02).all()
-    poisson = float(samples.poisson[3])
+    assert samples.ritz_unknowns == [1000, 3000]
+    assert (np.diff(ritz[:, :, :3], axis=2) < 1e-6).all()
+    assert (np.diff(ritz[:, :, 3:], axis=2) < 5e-3).all()  # each has cells and lines of its own
+    # Elements are bounds of their own, so where the others are nearly exact these may be a little below them.
+    assert (ritz[:, :, 2] > spectra - 0.02).all()
+    assert (ritz[:, :, 4] > spectra - 0.06).all()
+    assert np.median(ritz[:, :, 4] - spectra) < 0.3 * np.median(ritz[:, :, 2] - spectra)
+    poisson = float(samples.poisson[4])
     with open_dataset(made / "dataset") as reader:
         for body, prefix in ((0, "surface"), (2, "boundary")):
             place = {"object": str(samples.object[body]), "solidity": str(samples.solidity[body])}
             shape = [reader.read(f"{prefix}_{part}", **place) for part in ("vertices", "faces")]
             steel = {"young_pa": 2e11, "density_kg_m3": 7850.0, "poisson": poisson}
-            expected = polynomial_ritz(*shape, steel, 0.02, 6, ritz.shape[-1]).frequencies_hz
             unit = unit_hz(0.02**3 * trimesh.Trimesh(*shape).volume, 2e11, 7850.0)
-            np.testing.assert_allclose(np.exp(ritz[body, 3, 1]) * unit, expected, rtol=1e-5)
+            for number, method, size in ((1, polynomial_ritz, 6), (3, spline_ritz, 1000)):
+                expected = method(*shape, steel, 0.02, size, ritz.shape[-1]).frequencies_hz
+                rtol = 1e-5 if method is polynomial_ritz else 2e-3
+                np.testing.assert_allclose(np.exp(ritz[body, 4, number]) * unit, expected, rtol=rtol)
 
 
 def test_bodies_of_different_meshes_keep_their_tetrahedra(made):

@@ -22,6 +22,7 @@ import documented  # noqa: E402
 from vibraverse.cli import main  # noqa: E402
 from vibraverse.config.learn import Learn  # noqa: E402
 from vibraverse.contract import products  # noqa: E402
+from vibraverse.flow.steps import VERSIONS  # noqa: E402
 from vibraverse.learn.prediction import Predictor  # noqa: E402
 from vibraverse.learn.trained import error_bars, read  # noqa: E402
 
@@ -257,7 +258,7 @@ def _cut(folder) -> None:
 @pytest.mark.parametrize(
     ("damage", "sentence"),
     [
-        (_older, "was written by version 1 of the stage train, and this is version 2"),
+        (_older, f"was written by version 1 of the stage train, and this is version {VERSIONS['train']}"),
         (_cut, "model.pt is not the file that its training wrote: it is damaged"),
         (_swapped, "model.pt does not fit the network of vibraverse"),
         (lambda folder: (folder / "model.pt").unlink(), "the weights of the model, "),

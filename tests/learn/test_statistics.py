@@ -124,7 +124,7 @@ def test_what_sees_the_shape_beats_the_mean_spectrum(train, test):
 def test_what_sees_the_ritz_frequencies_removes_their_error(train, test):
     true = spectra(test)
     ritz = error(test.ritz[:, -1], true)
-    mean = predictor("polynomial Ritz, mean correction", train, spectra(train))(test)
+    mean = predictor("finest Ritz, mean correction", train, spectra(train))(test)
     trees = predictor("extra trees on Ritz", train, spectra(train))(test)
     assert (np.diff(trees, axis=1) >= 0).all()
     assert error(mean, true) < 0.6 * ritz

@@ -37,19 +37,24 @@ class Features(Section):
     )
     """Degrees of the polynomials whose Ritz frequencies models may start from, ascending."""
 
+    ritz_unknowns: list[Annotated[int, Field(ge=300, le=10_000)]] = Field(
+        default_factory=lambda: [1000, 3000], min_length=1
+    )
+    """Unknowns of the splines whose Ritz frequencies models may start from, ascending."""
+
     look: str = "clay"
     """Look of the pictures; one that shows no material."""
 
     view_px: int = Field(64, ge=16, le=1024)
     """Width and height of the pictures in pixels."""
 
-    @field_validator("ritz_degrees")
+    @field_validator("ritz_degrees", "ritz_unknowns")
     @classmethod
-    def _degrees_ascend(cls, degrees: list[int]):
+    def _finer_and_finer(cls, sizes: list[int]):
         # The last one is the finest, which corrections start from.
-        if degrees != sorted(set(degrees)):
-            raise ValueError(f"{degrees} do not ascend; write {sorted(set(degrees))}")
-        return degrees
+        if sizes != sorted(set(sizes)):
+            raise ValueError(f"{sizes} do not ascend; write {sorted(set(sizes))}")
+        return sizes
 
 
 class Network(Section):

@@ -17,7 +17,7 @@ _SAMPLES = {
 LEARNING_STEPS = (
     Step(
         name="features",
-        version=3,
+        version=4,
         help="write the arrays of one shard that training reads",
         per=SHARD,
         family="learn",
@@ -37,7 +37,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="train",
-        version=2,  # 2: the record says how the features were made
+        version=3,  # 2 and 3: the record says how the features were made
         help="train one model of a benchmark task",
         per=TRAINING,
         family="learn",

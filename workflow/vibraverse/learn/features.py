@@ -13,12 +13,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.interpolate import interp1d
 
 from vibraverse.contract.seeds import rng
 from vibraverse.files.basis import read_basis
 from vibraverse.geometry import surfaces
 from vibraverse.learn import inside
 from vibraverse.learn.baselines.polynomials import polynomial_spaces
+from vibraverse.learn.baselines.splines import spline_modes, spline_space
 from vibraverse.learn.invariants import invariants
 from vibraverse.learn.scaling import log_dimensionless
 from vibraverse.physics.modes import reduced_solve
@@ -31,7 +33,7 @@ ARRAYS = {
     "points": "points on the surface (p, 6): position (normalised length), outward normal",
     "invariants": "scale-free invariants (5,) of the shape, see `vibraverse.learn.invariants`",
     "log_omega": "logarithm of the dimensionless frequencies (k, m) at Poisson's ratios `poisson`",
-    "ritz": "the same (k, d, m) by polynomials of the degrees `ritz_degrees`: upper bounds",
+    "ritz": "the same (k, d, m) by polynomials of the degrees `ritz_degrees`, then by splines of `ritz_unknowns`",
     "frequencies_hz": "frequencies in Hz (n, m) in the named materials, corrected as in the dataset",
     "scales": "logarithms (1 + h,) of the torsion function's maximum and of the harmonics' eigenvalues, see `inside`",
     "mesh_rows": "first row in `mesh_points`, how many, first row in `mesh_cells`, how many (4,)",
@@ -46,6 +48,10 @@ ARRAYS = {
 }
 #: Arrays with a row per vertex or tetrahedron: their names in the result of :func:`vibraverse.learn.inside.describe`.
 MESH = {"mesh_points": "points", "mesh_fields": "fields", "mesh_cells": "cells"}
+
+
+#: Poisson's ratios at which approximate spectra are computed, at most.
+_RATIOS = 9
 
 
 class Unusable(ValueError):
@@ -89,6 +95,7 @@ def write_features(reader: Reader, folder: Path, options) -> dict:
         },
         "poisson": poisson.tolist(),
         "ritz_degrees": list(options.ritz_degrees),
+        "ritz_unknowns": list(options.ritz_unknowns),
         "arrays": {
             name: {"shape": array.shape, "dtype": str(array.dtype), "meaning": ARRAYS[name]}
             for name, array in arrays.items()
@@ -157,12 +164,12 @@ def shape_arrays(
     """Return the rows of a body in the arrays that follow from its closed surface, without a simulation.
 
     ``options`` are :class:`vibraverse.config.learn.Features`. What is random follows from the object's id and the
-    solidity. Without ``ritz`` these spectra, which take a second, are left out.
+    solidity. Without ``ritz`` these spectra, which take seconds, are left out.
     """
     spectra = {}
     if ritz:
         poisson = np.linspace(*options.poisson_range, options.poisson_nodes)
-        found = ritz_spectra(vertices, faces, poisson, options.ritz_degrees, modes)
+        found = ritz_spectra(vertices, faces, poisson, modes, options.ritz_degrees, options.ritz_unknowns)
         spectra["ritz"] = found.astype(np.float32)
     return {
         **spectra,
@@ -195,17 +202,26 @@ def spectrum(basis, poisson, modes: int) -> np.ndarray:
     return log_dimensionless(values, basis.volume)
 
 
-def ritz_spectra(vertices: np.ndarray, faces: np.ndarray, poisson, degrees, modes: int) -> np.ndarray:
-    """Return what :func:`spectrum` does (k, d, m), by polynomial displacements of total degrees (d,): upper bounds.
+def ritz_spectra(
+    vertices: np.ndarray, faces: np.ndarray, poisson, modes: int, degrees, unknowns=()
+) -> np.ndarray:
+    """Return what :func:`spectrum` does (k, d, m), by polynomials of total degrees, then by splines of some unknowns.
 
-    ``vertices`` (V, 3) in any unit and ``faces`` (F, 3) are the closed surface of the body.
+    ``vertices`` (V, 3) in any unit and ``faces`` (F, 3) are the closed surface of the body. Between some Poisson's
+    ratios the logarithms are interpolated linearly, which changes them by less than 0.001.
     """
+    solved = np.linspace(poisson[0], poisson[-1], min(len(poisson), _RATIOS))
     try:
         spaces = polynomial_spaces(vertices, faces, degrees)
-        values = [[space.modes(float(nu), modes)[0] for space in spaces] for nu in poisson]
+        values = [np.array([space.modes(float(nu), modes)[0] for nu in solved]) for space in spaces]
     except ValueError as error:
         raise Unusable(f"learn.features.ritz_degrees: {error}") from None
-    return log_dimensionless(values, surfaces.volume(vertices, faces))
+    try:
+        values += [spline_modes(spline_space(vertices, faces, size), solved, modes) for size in unknowns]
+    except ValueError as error:
+        raise Unusable(f"learn.features.ritz_unknowns: {error}") from None
+    found = log_dimensionless(np.stack(values, axis=1), surfaces.volume(vertices, faces))
+    return found if len(solved) == len(poisson) else interp1d(solved, found, axis=0)(poisson)
 
 
 def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, random) -> np.ndarray:

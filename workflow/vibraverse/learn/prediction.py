@@ -44,6 +44,7 @@ class Predictor:
             poisson_nodes=layout.poisson_nodes,
             poisson_range=layout.poisson_range,
             ritz_degrees=layout.ritz_degrees,
+            ritz_unknowns=layout.ritz_unknowns,
         )
         task = self._task(*_TETRAHEDRON, "", "solid", 1.0, layout.materials)
         self._exact = task.exact

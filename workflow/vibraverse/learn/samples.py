@@ -24,6 +24,7 @@ class Layout:
     poisson_range: tuple[float, float]
     poisson_nodes: int
     ritz_degrees: list[int]
+    ritz_unknowns: list[int]
     materials: dict[str, dict[str, float]]
 
 
@@ -31,8 +32,9 @@ class Samples:
     """The bodies of a dataset, sorted by object, the solid one first; arrays are memory-mapped.
 
     ``object``, ``solidity``, ``origin`` and ``family`` are arrays of texts (n,). ``materials`` maps names to their
-    parameters, ``poisson`` (k,) are the ratios at which ``log_omega`` and ``ritz`` are known, ``ritz_degrees`` (d,) the
-    polynomials' degrees in ``ritz``. :meth:`rows` reads any array of :data:`vibraverse.learn.features.ARRAYS`.
+    parameters, ``poisson`` (k,) are the ratios at which ``log_omega`` and ``ritz`` are known, ``ritz_degrees`` and
+    ``ritz_unknowns`` the polynomials and splines in ``ritz``, one after the other. :meth:`rows` reads any array of
+    :data:`vibraverse.learn.features.ARRAYS`.
 
     Raises :class:`ValueError` for features that do not belong together, or hold no body.
     """
@@ -46,7 +48,7 @@ class Samples:
             )
         self.folders, records = list(records), list(records.values())
         for folder, record in zip(self.folders, records, strict=True):
-            for what in ("materials", "poisson", "ritz_degrees"):
+            for what in ("materials", "poisson", "ritz_degrees", "ritz_unknowns"):
                 if record[what] != records[0][what]:
                     raise ValueError(
                         f"{folder} holds other {what} than {self.folders[0]}; run the same command again, which makes "
@@ -55,6 +57,7 @@ class Samples:
         self.materials: dict[str, dict[str, float]] = records[0]["materials"]
         self.poisson = np.array(records[0]["poisson"])
         self.ritz_degrees: list[int] = records[0]["ritz_degrees"]
+        self.ritz_unknowns: list[int] = records[0]["ritz_unknowns"]
         names = ("object", "solidity", "origin", "family")
         columns = {name: np.concatenate([one["bodies"][name] for one in records]) for name in names}
         counts = [len(one["bodies"]["object"]) for one in records]
@@ -91,6 +94,7 @@ class Samples:
             poisson_range=(ratios[0], ratios[-1]),
             poisson_nodes=len(ratios),
             ritz_degrees=self.ritz_degrees,
+            ritz_unknowns=self.ritz_unknowns,
             materials=self.materials,
         )
 
@@ -131,7 +135,8 @@ class Unsimulated(Samples):
         layout: Layout,
         materials: Mapping[str, Mapping],
     ):
-        self.materials, self.ritz_degrees = dict(materials), layout.ritz_degrees
+        self.materials = dict(materials)
+        self.ritz_degrees, self.ritz_unknowns = layout.ritz_degrees, layout.ritz_unknowns
         self.poisson = np.linspace(*layout.poisson_range, layout.poisson_nodes)
         self.object = self.solidity = self.origin = self.family = np.array([""])
         self._rows = {

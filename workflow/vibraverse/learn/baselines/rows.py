@@ -21,7 +21,7 @@ def baselines(task) -> Iterator[tuple[str, float, Judgement]]:
 
 
 def _frequencies(task):
-    """Yield the baselines of task ``frequencies``: those that learn from the training bodies, then polynomial Ritz.
+    """Yield the baselines of task ``frequencies``: those that learn from the training bodies, then Ritz's method.
 
     Each body counts in all named materials.
     """
@@ -39,13 +39,15 @@ def _frequencies(task):
 
         yield name, answers
 
-    for number, degree in enumerate(samples.ritz_degrees):
+    polynomials = [f"polynomial Ritz, N = {degree}" for degree in samples.ritz_degrees]
+    splines = [f"spline Ritz, {unknowns:,} unknowns" for unknowns in samples.ritz_unknowns]
+    for number, name in enumerate(polynomials + splines):
 
         def answers(side: str, number=number) -> dict[str, np.ndarray]:
             tested = in_all_materials(samples, task.sides[side])
             return hertz(tested, tested.ritz[:, number])
 
-        yield f"polynomial Ritz, N = {degree}", answers
+        yield name, answers
 
 
 def known(samples, chosen: np.ndarray) -> tuple[statistics.Bodies, np.ndarray]:
@@ -65,7 +67,7 @@ def in_all_materials(samples, chosen: np.ndarray) -> statistics.Bodies:
     return statistics.Bodies(
         invariants=np.repeat(samples.rows("invariants", chosen), many, axis=0),
         volume_m3=np.repeat(samples.rows("volume_m3", chosen), many),
-        ritz=_at_materials(samples, chosen).reshape(len(chosen) * many, len(samples.ritz_degrees), -1),
+        ritz=np.concatenate(_at_materials(samples, chosen)),
         material=np.tile(materials, len(chosen)),
         **parameters,
     )

@@ -28,8 +28,8 @@ class Bodies:
     """Bodies in materials, one per row: all that a predictor may look at.
 
     ``invariants`` (n, 5) are those of :mod:`vibraverse.learn.invariants`, ``ritz`` (n, d, m) logarithms of the
-    dimensionless polynomial Ritz frequencies of d degrees, ascending. ``material`` (n,) holds names, the others (n,)
-    are numbers in SI units.
+    dimensionless frequencies by Ritz's method in d spaces, the finest last. ``material`` (n,) holds names, the others
+    (n,) are numbers in SI units.
     """
 
     invariants: np.ndarray
@@ -162,15 +162,31 @@ def gradient_boosting(
 
 
 def corrected_ritz(bodies: Bodies, log_omega: np.ndarray) -> Predictor:
-    """Predict the Ritz frequencies of the highest degree, less the mean logarithmic error of each mode."""
+    """Predict the finest Ritz frequencies, less the mean logarithmic error of each mode."""
     mean = (log_omega - bodies.ritz[:, -1]).mean(axis=0)
     return lambda others: np.sort(others.ritz[:, -1] + mean, axis=1)
+
+
+def extrapolated_ritz(bodies: Bodies, log_omega: np.ndarray) -> Predictor:
+    """Predict the finest Ritz frequencies, less a multiple of the steps that led to them.
+
+    Least squares over all modes of all bodies: how far a frequency still falls follows from how far it has fallen.
+    """
+
+    def columns(some: Bodies) -> np.ndarray:
+        steps = np.diff(some.ritz, axis=1).transpose(0, 2, 1)
+        return np.concatenate([steps, np.ones((*steps.shape[:2], 1))], axis=2)
+
+    seen = columns(bodies)
+    error = log_omega - bodies.ritz[:, -1]
+    factors = np.linalg.lstsq(seen.reshape(-1, seen.shape[2]), error.ravel(), rcond=None)[0]
+    return lambda others: np.sort(others.ritz[:, -1] + columns(others) @ factors, axis=1)
 
 
 def trees_on_ritz(bodies: Bodies, log_omega: np.ndarray, seed: int = 0, trees: int = TREES) -> Predictor:
     """Predict the error of the Ritz frequencies with a forest of extremely randomised trees.
 
-    It sees what :func:`extra_trees` does, and every fourth mode of all degrees: the highest, and the steps between.
+    It sees what :func:`extra_trees` does, and every fourth mode of all spaces: the finest, and the steps between.
     """
     from sklearn.ensemble import ExtraTreesRegressor
 
@@ -192,7 +208,8 @@ BASELINES: dict[str, Callable[[Bodies, np.ndarray], Predictor]] = {
     "nearest shapes": nearest,
     "extra trees": extra_trees,
     "gradient boosting": gradient_boosting,
-    "polynomial Ritz, mean correction": corrected_ritz,
+    "finest Ritz, mean correction": corrected_ritz,
+    "finest Ritz, extrapolated": extrapolated_ritz,
     "extra trees on Ritz": trees_on_ritz,
 }
 

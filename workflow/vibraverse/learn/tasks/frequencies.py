@@ -3,7 +3,7 @@
 ``published`` is the network of the VibraVerse paper: shape and material to 64 frequencies on the scaled mel scale.
 ``physics`` predicts the dimensionless spectrum from the shape and Poisson's ratio alone. Young's modulus, density and
 size enter exactly, the frequencies ascend by construction, and every sample of every epoch has a Poisson's ratio of its
-own. ``ritz`` does the same as a correction of the polynomial Ritz frequencies, which take a second of computing.
+own. ``ritz`` does the same as a correction of frequencies by Ritz's method, which takes seconds of computing.
 """
 
 from __future__ import annotations
@@ -73,9 +73,9 @@ class Physics(nn.Module):
 
 
 class Corrected(nn.Module):
-    """As :class:`Physics`, from the frequencies of polynomial Ritz ``start`` (d, m) in place of a mean.
+    """As :class:`Physics`, from frequencies by Ritz's method in d spaces, the finest last, in place of a mean.
 
-    ``mean`` (m,) is that of the logarithm of the true frequencies over those of the highest degree.
+    ``start`` (d, m) is their mean, ``mean`` (m,) that of the logarithm of the true frequencies over the finest.
     """
 
     def __init__(self, network, mean: np.ndarray, start: np.ndarray, centre: np.ndarray, spread: np.ndarray):
