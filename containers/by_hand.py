@@ -148,7 +148,7 @@ def bodies(check: Check) -> None:
         "points": random.uniform(-0.9, 0.9, (count, 512, 6)).astype(np.float32),
         "invariants": random.uniform(1, 2, (count, 5)).astype(np.float32),
         "log_omega": spectra,
-        "ritz": spectra[:, :, None] + np.array([0.3, 0.2, 0.1], np.float32)[:, None],
+        "ritz": spectra[:, :, None] + np.array([0.3, 0.2, 0.1, 0.05, 0.02], np.float32)[:, None],
         "frequencies_hz": 1000 * np.exp(spectra[:, :1]).astype(float),
         "scales": np.tile(mesh["scales"], (count, 1)),
         **dict.fromkeys(("volume_m3", "size_m"), np.full(count, 0.1)),
@@ -161,7 +161,8 @@ def bodies(check: Check) -> None:
     both = {"object": np.repeat(objects, 2).tolist(), "solidity": ["solid", "hollow"] * len(objects)}
     both |= {"origin": ["generated"] * count, "family": ["bar"] * count}
     named = {"objects": objects, "materials": {"steel": steel}, "poisson": [0.1, 0.25, 0.4]}
-    (folder / "features.json").write_text(json.dumps({"bodies": both, "ritz_degrees": [4, 6, 8], **named}))
+    spaces = {"ritz_degrees": [4, 6, 8], "ritz_unknowns": [1000, 3000]}
+    (folder / "features.json").write_text(json.dumps({"bodies": both, **spaces, **named}))
     lines = "".join(map("{}\t{}\t\n".format, objects, ["train"] * 8 + ["validation"] * 2 + ["test"] * 2))
     check.at("splits").write_text(f"object\tsplit\tcopy_of\n{lines}")
 

@@ -77,7 +77,9 @@ def test_ritz_frequencies_are_bounds_that_fall_with_the_unknowns(made):
     assert samples.ritz_degrees == [4, 6, 8]
     assert samples.ritz_unknowns == [1000, 3000]
     assert (np.diff(ritz[:, :, :3], axis=2) < 1e-6).all()
-    assert (np.diff(ritz[:, :, 3:], axis=2) < 5e-3).all()  # each has cells and lines of its own
+    # Splines on fewer cells are no part of those on more, so single modes may rise by a little.
+    assert (np.diff(ritz[:, :, 3:], axis=2) < 0.02).all()
+    assert np.median(np.diff(ritz[:, :, 3:], axis=2)) < -0.01
     # Elements are bounds of their own, so where the others are nearly exact these may be a little below them.
     assert (ritz[:, :, 2] > spectra - 0.02).all()
     assert (ritz[:, :, 4] > spectra - 0.06).all()
