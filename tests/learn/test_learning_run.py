@@ -25,7 +25,7 @@ LEARNING = {
     "sources": {"generated": {"count": 8, "families": ["bar", "ring"]}, "bundled": [], "files": []},
     "dataset": {"shards": 2, "splits": {"train": 0.4, "validation": 0.3, "test": 0.3}},
     "learn": {
-        "preset": "tiny", "seeds": [0], "splits": ["object"], 
+        "preset": "tiny", "seeds": [0], "splits": ["object"],
         "features": {"points": 512, "view_px": 32, "ritz_degrees": [3], "ritz_unknowns": [300]},
         "frequencies": {
             "models": ["physics"],
