@@ -3,17 +3,14 @@
 The box along the principal axes is cut into equal cells, nearly cubes. The scalar functions are products of uniform
 quadratic B-splines, one for each group of 3 × 3 × 3 cells that the solid reaches into. A global polynomial must bend
 everywhere to bend somewhere; a spline does not. So the same number of unknowns gives several times less error than
-:mod:`vibraverse.learn.baselines.polynomials`, but where two parts of a body come closer than three cells, for splines
-then hold them together. Höllig, Reif and Wipper (SIAM J. Numer. Anal. 39, 442, 2001) and Parvizian, Düster and Rank
-(Comput. Mech. 41, 121, 2007) use such spaces for elements that need no mesh.
+:mod:`vibraverse.learn.baselines.polynomials`. Where the solid within a spline's reach falls into pieces, as between the
+prongs of a fork or the walls around a flat cavity, each piece gets a spline of its own. Höllig, Reif and Wipper (SIAM
+J. Numer. Anal. 39, 442, 2001) and Parvizian, Düster and Rank (Comput. Mech. 41, 121, 2007) use such spaces for elements
+that need no mesh.
 
-In a cell all functions are polynomials, so its matrices follow from the moments of the part of it inside the solid,
-
-    m_abc = ∫ r^a s^b t^c dV,   a, b, c <= 4,   r, s, t from 0 to 1.
-
-Parallel lines cross the solid along the shortest side of the box. Along a line the integral is exact, and across them
-it is a sum. The splines' frequencies are upper bounds of those of that bundle of rods, which are the solid's within
-some tenths of a percent.
+In a cell all functions are polynomials, so matrices follow from moments of the solid's parts in it
+(:mod:`vibraverse.learn.baselines.rods`). The frequencies are upper bounds of those of a bundle of rods that stands for
+the solid, which are the solid's within some tenths of a percent.
 """
 
 from __future__ import annotations
@@ -27,12 +24,12 @@ import scipy.linalg
 from vibraverse.contract.seeds import rng
 from vibraverse.geometry.moments import principal_axes
 from vibraverse.learn.baselines.galerkin import Clock, Spectrum, hertz
+from vibraverse.learn.baselines.rods import Rods, cut_rods
+from vibraverse.learn.baselines.rods import groups as _groups
 from vibraverse.physics.columns import orthonormalising
 from vibraverse.physics.iterations import RIGID
 from vibraverse.physics.materials import lame
 
-#: Lines along the longest side of the box, at least.
-LINES = 256
 #: Cells along the longest side: at first, and at most.
 _FIRST_CELLS, _MOST_CELLS = 2, 64
 #: A function with less than this share of the mass of a whole one is left out.
@@ -116,7 +113,7 @@ def spline_ritz(
 
 
 def spline_space(vertices: np.ndarray, faces: np.ndarray, unknowns: int) -> SplineSpace:
-    """Return the splines of the solid in a closed surface (V, 3), (F, 3), about ``unknowns`` or fewer.
+    """Return the splines of the solid in a closed surface (V, 3), (F, 3), about ``unknowns`` of them.
 
     Cells are made smaller until more splines would reach into the solid.
     """
@@ -130,80 +127,33 @@ def spline_space(vertices: np.ndarray, faces: np.ndarray, unknowns: int) -> Spli
     longest, best = _FIRST_CELLS, None
     while True:
         cells = np.maximum(1, np.ceil(sides / sides.max() * longest - 1e-9)).astype(int)
-        moments = cell_moments((corners - low) / sides * cells, faces, cells)
-        found = 3 * int(_reached(moments[..., 0, 0, 0] > 0).sum())
+        width, _, height = sides / cells
+        rods = cut_rods((corners - low) / sides * cells, faces, cells, width / height)
+        found = 3 * int(_reached(rods.cell, cells).sum())
         if best is None or found <= unknowns:
-            best = cells, moments
+            best = rods, cells
         if found >= 0.85 * unknowns or longest >= _MOST_CELLS:
-            return _space(*best, sides / best[0])
+            return _space(*best, sides / best[1])
         # The number of functions grows by at most the third power.
         longest = min(_MOST_CELLS, max(longest + 1, int(longest * np.cbrt(unknowns / found))))
 
 
-def cell_moments(corners: np.ndarray, faces: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Return the moments (x, y, z, 5, 5, 5) of a solid's part in each cell, in units of the cell.
-
-    ``corners`` (V, 3) are in cells, from 0 to ``cells`` (3,) along each axis.
-    """
-    per_cell = np.maximum(1, np.ceil(LINES / cells.max())).astype(int)
-    shape = cells[:2] * per_cell
-    line, height, sign = _crossings(corners * [per_cell, per_cell, 1], faces, shape)
-    order = np.arange(1, 6)
-    moments = np.zeros((shape.prod(), cells[2], 5))
-    for level in range(cells[2]):
-        inside = np.clip(height - level, 0.0, 1.0)
-        reached = inside > 0
-        powers = sign[reached, None] * inside[reached, None] ** order / order
-        for power in range(5):
-            moments[:, level, power] = np.bincount(line[reached], powers[:, power], len(moments))
-    across = ((np.arange(per_cell) + 0.5) / per_cell)[:, None] ** np.arange(5) / per_cell
-    moments = moments.reshape(cells[0], per_cell, cells[1], per_cell, cells[2], 5)
-    moments = np.einsum("imjnkc,ma->ijnkac", moments, across, optimize=True)
-    return np.einsum("ijnkac,nb->ijkabc", moments, across, optimize=True)
-
-
-def _crossings(corners: np.ndarray, faces: np.ndarray, shape: np.ndarray):
-    """Return where lines along z cross a surface: number of the line, height, and +1 where it leaves the solid.
-
-    There is a line in the middle of every unit square of the plane; ``shape`` (2,) is their number along x and y.
-    """
-    a, b, c = (corners[faces[:, corner]] for corner in range(3))
-    first = np.ceil(np.minimum(np.minimum(a, b), c)[:, :2] - 0.5).astype(int)
-    last = np.floor(np.maximum(np.maximum(a, b), c)[:, :2] - 0.5).astype(int)
-    count = np.maximum(last - first + 1, 0)
-    both = count.prod(axis=1)
-    face = np.repeat(np.arange(len(faces)), both)
-    rank = np.arange(len(face)) - np.repeat(np.cumsum(both) - both, both)
-    place = first[face] + np.stack(np.divmod(rank, np.maximum(count[face, 1], 1)), axis=1)
-    u, v, at = b - a, c - a, place + 0.5 - a[face, :2]
-    twice_area = u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0]
-    upright = twice_area == 0  # no line crosses it
-    area = np.where(upright, 1.0, twice_area)[face]
-    along = (at[:, 0] * v[face, 1] - at[:, 1] * v[face, 0]) / area
-    across = (u[face, 0] * at[:, 1] - u[face, 1] * at[:, 0]) / area
-    hit = (along >= 0) & (across >= 0) & (along + across <= 1) & ~upright[face]
-    face, place = face[hit], place[hit]
-    height = a[face, 2] + along[hit] * u[face, 2] + across[hit] * v[face, 2]
-    return place[:, 0] * shape[1] + place[:, 1], height, np.sign(twice_area[face])
-
-
-def _reached(occupied: np.ndarray) -> np.ndarray:
-    """Return which functions (x + 2, y + 2, z + 2) reach into a cell with a part of the solid."""
-    found = np.zeros(np.add(occupied.shape, 2), dtype=bool)
+def _reached(cell: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Return which functions (x + 2, y + 2, z + 2) reach into one of the cells (n, 3)."""
+    occupied = np.zeros(cells, dtype=bool)
+    occupied[tuple(cell.T)] = True
+    found = np.zeros(cells + 2, dtype=bool)
     for shift in np.ndindex(3, 3, 3):
-        found[tuple(slice(s, s + n) for s, n in zip(shift, occupied.shape, strict=True))] |= occupied
+        found[tuple(slice(s, s + n) for s, n in zip(shift, cells, strict=True))] |= occupied
     return found
 
 
-def _space(cells: np.ndarray, moments: np.ndarray, sides: np.ndarray) -> SplineSpace:
-    """Return the space from the moments in cells of these ``sides`` (3,)."""
-    occupied = moments[..., 0, 0, 0] > 0
-    reached = _reached(occupied)
-    number = np.full(reached.shape, -1)
-    number[reached] = np.arange(reached.sum())
-    places = np.argwhere(occupied)[:, None] + np.array(list(np.ndindex(3, 3, 3)))
-    functions = number[tuple(np.moveaxis(places, 2, 0))]
-    inside, size = moments[occupied], int(reached.sum())
+def _space(rods: Rods, cells: np.ndarray, sides: np.ndarray) -> SplineSpace:
+    """Return the space of rods in cells of these ``sides`` (3,)."""
+    rods = rods.in_one_piece()
+    part, adjacent = rods.parts()
+    functions = _functions(rods.cells_of(part), adjacent)
+    inside, size = rods.moments(part), int(functions.max()) + 1
     flat = functions[:, :, None] * size + functions[:, None, :]
 
     def assembled(left: tuple[int, ...], right: tuple[int, ...]) -> np.ndarray:
@@ -227,6 +177,27 @@ def _space(cells: np.ndarray, moments: np.ndarray, sides: np.ndarray) -> SplineS
             slopes[b, a] = slopes[a, b].T
     scale = scale[:, None] * scale
     return SplineSpace(mass[np.ix_(kept, kept)] * scale, slopes * scale, tuple(cells.tolist()))
+
+
+def _functions(cell: np.ndarray, adjacent: np.ndarray) -> np.ndarray:
+    """Return the numbers (p, 27) of the functions in each part of a cell; ``cell`` (p, 3), ``adjacent`` (k, 2).
+
+    The parts within reach of a spline may hang together or not. Each group that does gets a function of its own.
+    """
+    offsets = np.array(list(np.ndindex(3, 3, 3)))
+    number = np.arange(27).reshape(3, 3, 3)
+    first, second = adjacent.T
+    axis = np.abs(cell[second] - cell[first]).argmax(axis=1)
+    links = []
+    for along in range(3):
+        here = offsets[offsets[:, along] > 0]
+        there = here - np.eye(3, dtype=int)[along]
+        one, other = (number[tuple(some.T)] for some in (here, there))
+        chosen = axis == along
+        links.append([
+            (27 * first[chosen, None] + one).ravel(), (27 * second[chosen, None] + other).ravel()
+        ])  # fmt: skip
+    return _groups(27 * len(cell), *np.concatenate(links, axis=1)).reshape(-1, 27)
 
 
 def _products(left: int, right: int) -> np.ndarray:
