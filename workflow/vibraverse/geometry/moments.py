@@ -28,6 +28,13 @@ def principal_axes(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray,
     return centre, axes * np.linalg.det(axes)
 
 
+def principal_box(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the principal axes (3, 3) of a solid and the corners (3,) of its box along them, lowest and highest."""
+    axes = principal_axes(vertices, faces)[1]
+    used = vertices[np.unique(faces)] @ axes
+    return axes, used.min(axis=0), used.max(axis=0)
+
+
 def second_moments(vertices: np.ndarray, faces: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
     """Return volume, centre of mass (3,) and ``C`` (3, 3) of the solid in a closed surface (V, 3), (F, 3).
 

@@ -48,8 +48,6 @@ ARRAYS = {
 }
 #: Arrays with a row per vertex or tetrahedron: their names in the result of :func:`vibraverse.learn.inside.describe`.
 MESH = {"mesh_points": "points", "mesh_fields": "fields", "mesh_cells": "cells"}
-
-
 #: Poisson's ratios at which approximate spectra are computed, at most.
 _RATIOS = 9
 

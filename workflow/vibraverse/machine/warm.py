@@ -16,7 +16,7 @@ import zlib
 #: name in Linux's abstract socket namespace, which leaves no file behind.
 VARIABLE = "VIBRAVERSE_WARM"
 #: Environment variable with the beginnings of the commands whose image has a warm process: words of ``apptainer``
-#: separated by ``\\t``, each such list on a line. The last word is the image.
+#: separated by ``\t``, each such list on a line. The last word is the image.
 ENTRANCES = "VIBRAVERSE_ENTRANCES"
 #: Subcommand of ``python -m vibraverse`` that starts a warm process; not for people.
 SUBCOMMAND = "warm-process"

@@ -35,10 +35,6 @@ class Derivatives:
     mu: np.ndarray
     clusters: np.ndarray
 
-    def of_log_frequencies(self, values: np.ndarray) -> np.ndarray:
-        """Return the derivatives (m, V, 3) of ``log ω`` with respect to the vertices; ``values`` are ω² (m,)."""
-        return self.vertices / (2.0 * values[:, None, None])
-
 
 def derivatives(
     operators: Operators,

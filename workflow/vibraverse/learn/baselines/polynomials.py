@@ -22,7 +22,7 @@ import numpy as np
 import scipy.linalg
 from numpy.polynomial.legendre import leggauss, legvander
 
-from vibraverse.geometry.moments import principal_axes
+from vibraverse.geometry.moments import principal_box
 from vibraverse.geometry.surfaces import corners
 from vibraverse.learn.baselines.galerkin import Clock, Spectrum, hertz
 from vibraverse.physics.materials import lame
@@ -83,11 +83,9 @@ def polynomial_spaces(
     vertices: np.ndarray, faces: np.ndarray, degrees: Sequence[int]
 ) -> list[PolynomialSpace]:
     """Return the spaces of several degrees; the moments, which take longest, are integrated once."""
-    axes = principal_axes(vertices, faces)[1]
-    turned = vertices @ axes
-    used = turned[np.unique(faces)]
-    middle, half = 0.5 * (used.max(axis=0) + used.min(axis=0)), 0.5 * np.ptp(used, axis=0)
-    moments = legendre_moments((turned - middle) / half, faces, 2 * max(degrees))
+    axes, low, high = principal_box(vertices, faces)
+    middle, half = 0.5 * (high + low), 0.5 * (high - low)
+    moments = legendre_moments((vertices @ axes - middle) / half, faces, 2 * max(degrees))
     return [_space(moments[(slice(2 * degree + 1),) * 3], degree, axes, middle, half) for degree in degrees]
 
 

@@ -68,7 +68,7 @@ class Rods:
     def moments(self, part: np.ndarray) -> np.ndarray:
         """Return the moments (p, 5, 5, 5) of the parts, in units of a cell."""
         order = np.arange(5)
-        within = (self.line - self.per_cell * self.cell[:, :2] + 0.5) / self.per_cell
+        within = (self.line - self.per_cell * self.cell[:, :2] + _PLACE) / self.per_cell
         across = within[:, :, None] ** order / self.per_cell
         flat = (across[:, 0, :, None] * across[:, 1, None, :]).reshape(-1, 25)
         along = (self.ends[:, 1, None] ** (order + 1) - self.ends[:, 0, None] ** (order + 1)) / (order + 1)
@@ -110,8 +110,8 @@ def groups(count: int, first: np.ndarray, second: np.ndarray) -> np.ndarray:
 def cut_rods(corners: np.ndarray, faces: np.ndarray, cells: np.ndarray, flatness: float) -> Rods:
     """Return the rods of the solid in a closed surface, cut by the cells.
 
-    ``corners`` (V, 3) are in cells, from 0 to ``cells`` (3,) along each axis; a cell is
-    ``flatness`` times as wide as high. A line that does not enter and leave alternately, by rounding, is left out.
+    ``corners`` (V, 3) are in cells, from 0 to ``cells`` (3,) along each axis; a cell is ``flatness`` times as wide as
+    high. A line that does not enter and leave alternately, by rounding, is left out.
     """
     per_cell = int(max(1, np.ceil(LINES / cells.max())))
     shape = cells[:2] * per_cell

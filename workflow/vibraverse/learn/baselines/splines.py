@@ -22,10 +22,9 @@ import numpy as np
 import scipy.linalg
 
 from vibraverse.contract.seeds import rng
-from vibraverse.geometry.moments import principal_axes
+from vibraverse.geometry.moments import principal_box
 from vibraverse.learn.baselines.galerkin import Clock, Spectrum, hertz
-from vibraverse.learn.baselines.rods import Rods, cut_rods
-from vibraverse.learn.baselines.rods import groups as _groups
+from vibraverse.learn.baselines.rods import Rods, cut_rods, groups
 from vibraverse.physics.columns import orthonormalising
 from vibraverse.physics.iterations import RIGID
 from vibraverse.physics.materials import lame
@@ -36,8 +35,8 @@ _FIRST_CELLS, _MOST_CELLS = 2, 64
 _LEAST_MASS = 1e-8
 #: Share by which the diagonal of the shifted stiffness is raised: functions that hardly reach the solid are dependent.
 _RIDGE = 1e-11
-#: Shift in the units of a normalised body, far below its first frequency's ω².
-_SHIFT = 1e-2
+#: Shift over the square of the longest side, far below the first frequency's ω².
+_SHIFT = 0.03
 #: Vectors of a Krylov block and blocks.
 _BLOCK, _BLOCKS = 48, 5
 #: Vectors besides the modes asked for that are improved at a second Poisson's ratio.
@@ -52,12 +51,13 @@ class SplineSpace:
     """Matrices of the splines of one body for E = ρ = 1, dense, each function scaled to unit mass.
 
     ``mass`` (s, s), and ``slopes`` (3, 3, s, s) with ``∫ ∂_a φ_i ∂_b φ_j``. Unknown ``a s + i`` is component a of
-    function i. ``cells`` are the cells along the axes.
+    function i. ``cells`` are the cells along the axes, ``longest`` is the longest side of the box.
     """
 
     mass: np.ndarray
     slopes: np.ndarray
     cells: tuple[int, int, int]
+    longest: float
 
     @property
     def unknowns(self) -> int:
@@ -76,7 +76,7 @@ class SplineSpace:
         for a in range(3):
             for b in range(3):
                 matrix[a, :, b] = lam * self.slopes[a, b] + mu * self.slopes[b, a]
-            matrix[a, :, a] += mu * trace + _SHIFT * self.mass
+            matrix[a, :, a] += mu * trace + _SHIFT / self.longest**2 * self.mass
         matrix = matrix.reshape(3 * size, 3 * size)
         matrix[np.diag_indices(3 * size)] *= 1.0 + _RIDGE
         return matrix
@@ -117,13 +117,12 @@ def spline_space(vertices: np.ndarray, faces: np.ndarray, unknowns: int) -> Spli
 
     Cells are made smaller until more splines would reach into the solid.
     """
-    axes = principal_axes(vertices, faces)[1]
-    axes = axes[:, np.argsort(-np.ptp((vertices @ axes)[np.unique(faces)], axis=0))]
+    axes, low, high = principal_box(vertices, faces)
+    longest_first = np.argsort(low - high)
+    axes, low, sides = axes[:, longest_first], low[longest_first], (high - low)[longest_first]
     corners = vertices @ axes
     if np.linalg.det(axes) < 0:
         faces = faces[:, ::-1]
-    used = corners[np.unique(faces)]
-    low, sides = used.min(axis=0), np.ptp(used, axis=0)
     longest, best = _FIRST_CELLS, None
     while True:
         cells = np.maximum(1, np.ceil(sides / sides.max() * longest - 1e-9)).astype(int)
@@ -176,7 +175,8 @@ def _space(rods: Rods, cells: np.ndarray, sides: np.ndarray) -> SplineSpace:
             slopes[a, b] = assembled(tuple(unit[a]), tuple(unit[b]))[np.ix_(kept, kept)]
             slopes[b, a] = slopes[a, b].T
     scale = scale[:, None] * scale
-    return SplineSpace(mass[np.ix_(kept, kept)] * scale, slopes * scale, tuple(cells.tolist()))
+    longest = float((sides * cells).max())
+    return SplineSpace(mass[np.ix_(kept, kept)] * scale, slopes * scale, tuple(cells.tolist()), longest)
 
 
 def _functions(cell: np.ndarray, adjacent: np.ndarray) -> np.ndarray:
@@ -197,7 +197,7 @@ def _functions(cell: np.ndarray, adjacent: np.ndarray) -> np.ndarray:
         links.append([
             (27 * first[chosen, None] + one).ravel(), (27 * second[chosen, None] + other).ravel()
         ])  # fmt: skip
-    return _groups(27 * len(cell), *np.concatenate(links, axis=1)).reshape(-1, 27)
+    return groups(27 * len(cell), *np.concatenate(links, axis=1)).reshape(-1, 27)
 
 
 def _products(left: int, right: int) -> np.ndarray:
