@@ -2,11 +2,11 @@
 
 The box along the principal axes is cut into equal cells, nearly cubes. The scalar functions are products of uniform
 quadratic B-splines, one for each group of 3 × 3 × 3 cells that the solid reaches into. A global polynomial must bend
-everywhere to bend somewhere; a spline does not. So the same number of unknowns gives several times less error than
-:mod:`vibraverse.learn.baselines.polynomials`. Where the solid within a spline's reach falls into pieces, as between the
-prongs of a fork or the walls around a flat cavity, each piece gets a spline of its own. Höllig, Reif and Wipper (SIAM
-J. Numer. Anal. 39, 442, 2001) and Parvizian, Düster and Rank (Comput. Mech. 41, 121, 2007) use such spaces for elements
-that need no mesh.
+everywhere to bend somewhere; a spline does not. So more unknowns go on helping, where those of
+:mod:`vibraverse.learn.baselines.polynomials` become dependent. Where the solid within a spline's reach falls into
+pieces, as between the prongs of a fork or the walls around a flat cavity, each piece gets a spline of its own. Höllig,
+Reif and Wipper (SIAM J. Numer. Anal. 39, 442, 2001) and Parvizian, Düster and Rank (Comput. Mech. 41, 121, 2007) use
+such spaces for elements that need no mesh.
 
 In a cell all functions are polynomials, so matrices follow from moments of the solid's parts in it
 (:mod:`vibraverse.learn.baselines.rods`). The frequencies are upper bounds of those of a bundle of rods that stands for
