@@ -132,3 +132,24 @@ def test_eigenvalues_have_derivatives_by_distances(bumpy):
         move = random.standard_normal(len(points))
         ahead, back = (solved(distance + sign * step * move)[2][0][6:14] for sign in (1, -1))
         np.testing.assert_allclose(slopes @ move, (ahead - back) / (2 * step), rtol=1e-5, atol=1e-5)
+
+
+def test_eigenvalues_have_a_derivative_by_the_walls_thickness():
+    """A wall is what lies inside, but less deep than it is thick."""
+    points, tets = lattice(8)
+    distance = np.linalg.norm(points * [1.0, 1.1, 1.25], axis=1) - 0.83
+
+    def solved(wall):
+        cut = inside(points, tets, np.maximum(distance, -wall - distance))
+        operators = assemble(cut.vertices, cut.cells, order=1)
+        matrices = operators.stiffness(LAM, MU), operators.mass
+        return cut, operators, scipy.linalg.eigh(*(matrix.toarray() for matrix in matrices))
+
+    wall, step = 0.47, 1e-6
+    cut, operators, (values, vectors) = solved(wall)
+    by_distance = cut.pull_back(
+        derivatives(operators, LAM, MU, values[6:14], vectors[:, 6:14]).vertices, len(points)
+    )
+    found = by_distance @ np.where(-wall - distance > distance, -1.0, 0.0)
+    ahead, back = (solved(wall + sign * step)[2][0][6:14] for sign in (1, -1))
+    np.testing.assert_allclose(found, (ahead - back) / (2 * step), rtol=1e-5, atol=1e-5)
