@@ -95,6 +95,21 @@ def test_strikes_points(vibraverse, modes):
         np.testing.assert_allclose(stored / entry["gain"], physical, atol=2**-23 / entry["gain"])
 
 
+def test_a_strike_lasts_and_velocity_is_heard(vibraverse, modes):
+    asked = '{"points": [[0.2, 0.2, -1]], "contact_s": 0.002, "observable": "velocity"}'
+    status, errors, folder = render(vibraverse, modes, asked)
+    assert status == 0, errors
+    record = json.loads((folder / "audio.json").read_text())
+    assert (record["contact_s"], record["observable"]) == (0.002, "velocity")
+    assert record["unit"].startswith("kg^0.5 m/s ")
+    for name, frequencies in FREQUENCIES.items():
+        entry = record["sounds"][f"{name}-p0"]
+        stored, _ = soundfile.read(folder / f"{name}-p0.wav")
+        heard = {"weights": [1, 2, 3, 4], "contact_s": 0.002, "observable": "velocity"}
+        physical = impact_sound(frequencies, DAMPING[name], 44_100, **heard).samples
+        np.testing.assert_allclose(stored / entry["gain"], physical, atol=2**-23 / entry["gain"])
+
+
 def test_struck_points_need_the_basis_of_the_modes(vibraverse, modes):
     points = '{"points": [[0.2, 0.2, -1]]}'
     command = (

@@ -70,6 +70,23 @@ def test_struck_points_sound_different(cube, tmp_path, vibraverse):
     assert np.abs(sounds[0] - sounds[1]).max() > 0.1
 
 
+def test_a_soft_contact_sounds_duller(cube, tmp_path, vibraverse):
+    """The same strike at a corner: the spectrum's centre of power falls with the contact and rises with derivatives."""
+    centres = []
+    for contact_s, observable in ((0, "acceleration"), (0.0015, "acceleration"), (0.0015, "displacement")):
+        status, _, err = vibraverse(
+            "strike", cube, "--elements", 300, "--modes", 12, "--order", 1, "--material", "plastic", "--size", 1,
+            "--at", "-5,-5,-5", "--contact-s", contact_s, "--observable", observable,
+            "-o", tmp_path / "a.wav", "--json", tmp_path / "a.json",
+        )  # fmt: skip
+        assert status == 0, err
+        facts = json.loads((tmp_path / "a.json").read_text())
+        assert (facts["contact_s"], facts["observable"]) == (contact_s, observable)
+        power = np.abs(np.fft.rfft(soundfile.read(tmp_path / "a.wav")[0][1000:5000] * np.hanning(4000))) ** 2
+        centres.append(power @ np.arange(len(power)) / power.sum())
+    assert centres[2] < centres[1] < 0.98 * centres[0]
+
+
 def test_json_to_the_terminal_and_default_name(cube, tmp_path, vibraverse, monkeypatch):
     monkeypatch.chdir(tmp_path)
     status, out, err = vibraverse(
@@ -117,6 +134,8 @@ def test_a_warning_has_a_number_a_threshold_and_the_option_that_helps(tmp_path, 
         (["--hollow", "1.5"], "--hollow must lie between 0 and 1, not 1.5"),
         (["--modes", "0"], "--modes must be greater than 0, not 0"),
         (["--order", "3"], "--order must be 1 or 2, not 3"),
+        (["--contact-s", "0.2"], "--contact-s must be at most 0.1, not 0.2"),
+        (["--contact-s", "-1"], "--contact-s must be at least 0, not -1.0"),
         (["--at", "1,2"], "--at takes three numbers"),
         (["--at", "nan,0,0"], "--at takes three numbers such as 0.1,0,0.25, not 'nan,0,0'"),
         (["--at", "0,-inf,0"], "--at takes three numbers"),

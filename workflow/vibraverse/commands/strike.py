@@ -30,6 +30,7 @@ from vibraverse.contract.errors import UsageError
 from vibraverse.contract.texts import unknown
 from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.machine.threads import set_threads
+from vibraverse.physics.impulse import OBSERVABLES
 from vibraverse.physics.materials import MATERIALS
 
 #: Material parameters and the arguments that override them.
@@ -42,7 +43,8 @@ _OVERRIDES = {
 }
 #: Configuration keys and the options that set them.
 _FLAGS = FLAGS | {
-    key: "--density" if key == "density_kg_m3" else f"--{name}" for key, name in _OVERRIDES.items()
+    "contact_s": "--contact-s",
+    **{key: "--density" if key == "density_kg_m3" else f"--{name}" for key, name in _OVERRIDES.items()},
 }
 
 
@@ -71,6 +73,19 @@ def parser() -> argparse.ArgumentParser:
         "--at",
         metavar="X,Y,Z",
         help="strike the surface point nearest to this one, in the file's coordinates",
+    )
+    p.add_argument(
+        "--contact-s",
+        type=float,
+        default=Audio().contact_s,
+        metavar="S",
+        help="seconds that the striker touches the body; a soft one some 0.005 (default: an impulse)",
+    )
+    p.add_argument(
+        "--observable",
+        default=Audio().observable,
+        choices=OBSERVABLES,
+        help="what of the motion is heard (default %(default)s)",
     )
     p.add_argument(
         "-o", "--output", type=Path, metavar="WAV", help="the sound (default: MESH-MATERIAL.wav here)"
@@ -103,6 +118,9 @@ class _Strike:
         self.material, self.material_name = self._material(arguments), arguments.material
         self.mesh = OneMesh(arguments, {self.material_name: self.material}, arguments.modes)
         self.point = self._point(arguments.at)
+        self.audio = self._checked(
+            Audio, {"contact_s": arguments.contact_s, "observable": arguments.observable}
+        )
         self.output = arguments.output or Path(f"{self.mesh.path.stem}-{self.material_name}.wav")
         for path in (self.output, *([Path(arguments.json)] if arguments.json not in (None, "-") else [])):
             check_writable(path)
@@ -113,8 +131,12 @@ class _Strike:
             raise UsageError(unknown("material", arguments.material, MATERIALS))
         given = {key: getattr(arguments, name) for key, name in _OVERRIDES.items()}
         values = {**MATERIALS[arguments.material], **{k: v for k, v in given.items() if v is not None}}
+        return _Strike._checked(Material, values)
+
+    @staticmethod
+    def _checked(section: type, values: dict):
         try:
-            return validate(Material, values)
+            return validate(section, values)
         except ConfigError as error:
             raise UsageError(as_flags(error, _FLAGS)) from None
 
@@ -130,11 +152,11 @@ class _Strike:
             raise UsageError(f"--at takes three numbers such as 0.1,0,0.25, not {text!r}")
         return x, y, z
 
-    def _points(self, clean: dict) -> list[list[float]]:
+    def _points(self, clean: dict) -> list[tuple[float, ...]]:
         """Return the requested struck point in the normalised coordinates of the cleaned mesh; [] without one."""
         if self.point is None:
             return []
-        point = [(x - c) * clean["scale"] for x, c in zip(self.point, clean["centre"], strict=True)]
+        point = tuple((x - c) * clean["scale"] for x, c in zip(self.point, clean["centre"], strict=True))
         if max(map(abs, point)) > 1:
             place, centre = (",".join(f"{x:g}" for x in xs) for xs in (self.point, clean["centre"]))
             raise UsageError(
@@ -149,7 +171,7 @@ class _Strike:
         for made in mesh.run(mesh.needed(folder, "audio")):
             if made.step.name == "clean":
                 clean = made.content
-                mesh.options["audio"] = Audio(points=self._points(clean))
+                mesh.options["audio"] = self.audio.model_copy(update={"points": self._points(clean)})
         name = mesh.options["audio"].names([self.material_name])[-1]
         rendered = products.read_json(mesh.at(folder, "audio_record"))["sounds"][name]
         tets = products.read_json(mesh.at(folder, "tets_record"))
@@ -199,6 +221,8 @@ class _Strike:
             "discretisation_error": element_error.tolist(),
             "duration_s": rendered["duration_s"],
             "struck_at": struck_at,
+            "contact_s": self.audio.contact_s,
+            "observable": self.audio.observable,
             "repairs": clean["repairs"],
             "warnings": warnings,
         }

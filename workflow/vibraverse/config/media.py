@@ -25,7 +25,15 @@ class Audio(Section):
     """A sound ends when it has fallen by this many decibels …"""
 
     max_s: float = Field(4.0, gt=0, le=60)
-    """… or after this many seconds."""
+    """… or this many seconds after the contact."""
+
+    contact_s: float = Field(0.0, ge=0, le=0.1)
+    """Seconds that the striker touches the body, pressing by half a sine; 0 is an impulse. A hard striker touches for
+    less than 0.1 ms, a soft one for some milliseconds."""
+
+    observable: Literal["displacement", "velocity", "acceleration"] = "displacement"
+    """What of the motion is heard: ``displacement``, ``velocity`` or ``acceleration``. Each is brighter than the one
+    before."""
 
     points: list[tuple[_Normalised, _Normalised, _Normalised]] = Field(default_factory=list)
     """Struck points in normalised coordinates, -1 to 1; each adds a sound per material. Empty: only the

@@ -164,7 +164,7 @@ STEPS = (
     ),
     Step(
         name="audio",
-        version=3,
+        version=4,
         help="render the impact sounds",
         per=BODY,
         family="fem",

@@ -11,8 +11,12 @@ import io
 import numpy as np
 import soundfile
 
-#: Unit of a physical sample (see :mod:`vibraverse.physics.impulse`).
-UNIT = "kg^0.5 m (sample = stored sample / gain)"
+#: Unit of a physical sample by observable (see :mod:`vibraverse.physics.impulse`).
+UNITS = {
+    "displacement": "kg^0.5 m (sample = stored sample / gain)",
+    "velocity": "kg^0.5 m/s (sample = stored sample / gain)",
+    "acceleration": "kg^0.5 m/s² (sample = stored sample / gain)",
+}
 #: Largest sample of a file, in decibels relative to full scale.
 PEAK_DBFS = -1.0
 

@@ -1,4 +1,4 @@
-"""Impact sounds: the sum of the impulse responses of all modes.
+"""Impact sounds: the sum of the responses of all modes to a strike.
 
 The response of a mode with undamped angular frequency ``ω``, damping ``d`` and weight ``w`` to an impulse at ``t = 0``
 is
@@ -6,13 +6,14 @@ is
     q(t) = w e^{-d t} sin(ω_d t) / ω_d        ω_d = sqrt(ω² - d²)        d < ω   (underdamped)
     q(t) = w e^{-d t} sinh(γ t) / γ           γ = sqrt(d² - ω²)          d ≥ ω   (overdamped)
 
-The second form is evaluated as ``t e^{-(d-γ) t} exprel(-2 γ t)`` with ``d - γ = ω² / (d + γ)``. This neither overflows
-nor cancels, and it is exact at critical damping. With all weights 1 the sum is the location-invariant impact sound; a
-strike at a surface point ``x`` along ``n`` has the weights ``u_i(x)·n``. Modes with ``ω`` above half the sample rate
-would alias and are left out.
+With all weights 1 the sum is the location-invariant impact sound; a strike at a surface point ``x`` along ``n`` has the
+weights ``u_i(x)·n``. Modes with ``ω`` above half the sample rate would alias and are left out.
+
+A contact that lasts is a half sine of force with the same impulse (:mod:`vibraverse.physics.half_sine`). The sound
+begins as the contact does. Several strikes add up: their sound is the sum of the sounds of each.
 
 With mass-normalised modes ``q`` is in sqrt(kg)·m. It is the response to 1 sqrt(kg)·m/s on every mode or, with the
-weights of a strike, to an impulse of 1 N·s at the point.
+weights of a strike, to an impulse of 1 N·s at the point. Velocity and acceleration are its derivatives.
 """
 
 from __future__ import annotations
@@ -21,9 +22,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.special import exprel
 
-#: Shortest sound in seconds, however strong the damping.
+from vibraverse.physics.half_sine import contact_motion, impulse_motion
+
+#: What is heard of the motion: how often the displacement is differentiated by time.
+OBSERVABLES = {"displacement": 0, "velocity": 1, "acceleration": 2}
+#: Shortest sound in seconds after the contact, however strong the damping.
 MIN_S = 0.02
 #: Length of the fade-out in seconds, which prevents a click at the end.
 FADE_S = 0.01
@@ -33,9 +37,9 @@ FADE_S = 0.01
 class Sound:
     """An impact sound, with statistics of its modes.
 
-    ``samples`` (n,) float64 are in sqrt(kg)·m. ``modes_rendered + modes_above_nyquist`` is the number of given modes;
-    ``modes_overdamped`` counts the rendered ones that do not ring. ``decayed`` is true if the sound ends by its decay,
-    false if it ends at the time limit.
+    ``samples`` (n,) float64 are in sqrt(kg)·m, per second or per second squared for velocity and acceleration.
+    ``modes_rendered + modes_above_nyquist`` is the number of given modes; ``modes_overdamped`` counts the rendered ones
+    that do not ring. ``decayed`` is true if the sound ends by its decay, false if it ends at the time limit.
     """
 
     samples: np.ndarray
@@ -58,24 +62,40 @@ def impact_sound(
     decay_db: float = 60.0,
     max_s: float = 4.0,
     weights=None,
+    contact_s: float = 0.0,
+    observable: str = "displacement",
 ) -> Sound:
     """Return the sound of modes with undamped ``frequencies_hz`` (m,) and ``damping_per_s`` (m,).
 
-    ``weights`` (m,) are those of a strike; None means 1 for every mode. The sound ends where the sum of the envelopes
-    has fallen ``decay_db`` below its maximum, after :data:`MIN_S` to ``max_s`` seconds. Raises ``ValueError`` for
-    shapes that disagree and for values that are not finite or not physical.
+    ``weights`` (m,) are those of a strike; None means 1 for every mode. ``contact_s`` is how long the contact lasts; 0
+    is an impulse, and the sound begins just after it. ``observable`` is a name in :data:`OBSERVABLES`. After the
+    contact the sound lasts until the sum of the envelopes has fallen ``decay_db`` below its maximum there, for
+    :data:`MIN_S` to ``max_s`` seconds. Raises ``ValueError`` for shapes that disagree and for values that are not
+    finite or not physical.
     """
     omega, damping, weights = _checked(frequencies_hz, damping_per_s, weights)
+    if not 0 <= contact_s < math.inf:
+        raise ValueError(f"the contact must last 0 s or longer, not {contact_s:g} s")
     audible = omega < math.pi * sample_rate_hz
     omega, damping, weight = omega[audible], damping[audible], weights[audible]
-    length_s, decayed = _length_s(omega, damping, weight, sample_rate_hz, decay_db, max_s)
+    value, motion = _after_contact(omega, damping, weight, contact_s, OBSERVABLES[observable])
+    length_s, decayed = _length_s(omega, damping, value, motion, sample_rate_hz, decay_db, max_s)
+    pressed = math.ceil(contact_s * sample_rate_hz)
+    later_s = pressed / sample_rate_hz - contact_s
     count = max(math.ceil(length_s * sample_rate_hz), math.ceil(MIN_S * sample_rate_hz))
 
     rings = damping < omega
-    samples = _ringing(omega[rings], damping[rings], weight[rings], count, 1.0 / sample_rate_hz)
-    time_s = np.arange(count) / sample_rate_hz
+    ringing = np.sqrt((omega[rings] - damping[rings]) * (omega[rings] + damping[rings]))
+    exponent = -damping[rings] + 1j * ringing
+    amplitude = (motion[rings] / ringing + 1j * value[rings]) * np.exp(exponent * later_s)
+    samples = _ringing(exponent, amplitude, count, 1.0 / sample_rate_hz)
+    time_s = np.arange(count) / sample_rate_hz + later_s
     for mode in np.flatnonzero(~rings):
-        samples += weight[mode] * _overdamped(omega[mode], damping[mode], time_s)
+        samples += _overdamped(omega[mode], damping[mode], value[mode], motion[mode], time_s)
+    if pressed:
+        time_s = np.arange(pressed) / sample_rate_hz
+        pushed = contact_motion(omega, damping, contact_s, time_s)[OBSERVABLES[observable]]
+        samples = np.concatenate([weight @ pushed, samples])
     _fade(samples, sample_rate_hz)
     return Sound(
         samples=samples,
@@ -85,6 +105,19 @@ def impact_sound(
         modes_overdamped=int(np.count_nonzero(~rings)),
         decayed=decayed,
     )
+
+
+def _after_contact(omega, damping, weight, contact_s: float, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return the free motion as the contact ends: its value ``u`` (m,) and ``u' + d u`` (m,).
+
+    ``u`` is the derivative of the displacement of this order. Every derivative of a free motion is one, too.
+    """
+    value, slope = np.zeros_like(weight), weight
+    if contact_s > 0:
+        value, slope = weight * contact_motion(omega, damping, contact_s, np.array([contact_s]))[:2, :, 0]
+    for _ in range(order):
+        value, slope = slope, -2.0 * damping * slope - omega**2 * value
+    return value, slope + damping * value
 
 
 def _checked(frequencies_hz, damping_per_s, weights):
@@ -104,47 +137,49 @@ def _checked(frequencies_hz, damping_per_s, weights):
     return omega, damping, weights
 
 
-def _overdamped(omega, damping, time_s):
-    """Return ``e^{-d t} sinh(γ t) / γ`` for ``d ≥ ω``, including ``d = ω``; arguments broadcast."""
-    gamma = np.sqrt((damping - omega) * (damping + omega))
-    return time_s * np.exp(-(omega**2) / (damping + gamma) * time_s) * exprel(-2.0 * gamma * time_s)
+def _overdamped(omega, damping, value, motion, time_s):
+    """Return the free motion from ``u`` and ``u' + d u`` of modes that do not ring; arguments broadcast."""
+    h, velocity = impulse_motion(omega, damping, time_s)
+    return value * (velocity + damping * h) + motion * h
 
 
-def _ringing(omega, damping, weight, count: int, step_s: float) -> np.ndarray:
-    """Return ``Σ w e^{-d t} sin(ω_d t) / ω_d`` at ``t = 0, step, …``; (count,).
+def _ringing(exponent, amplitude, count: int, step_s: float) -> np.ndarray:
+    """Return ``Σ Im(c e^{s t})`` at ``t = 0, step, …`` for exponents s and amplitudes c (m,) of modes; (count,).
 
-    A mode is the imaginary part of a power series, ``z^n`` with ``z = e^{(-d + iω_d) step}``. Writing
-    ``n = b·L + l`` splits it into ``z^{bL} · z^l``. So the sum over modes is a product of two matrices with about
-    sqrt(count) rows each, which takes some 500 times fewer sines than a loop over samples.
+    A mode is the imaginary part of a power series, ``c z^n`` with ``z = e^{s step}``. Writing ``n = b·L + l`` splits it
+    into ``c z^{bL} · z^l``. So the sum over modes is a product of two matrices with about sqrt(count) rows each, which
+    takes some 500 times fewer sines than a loop over samples.
     """
-    ringing = np.sqrt((omega - damping) * (omega + damping))
     length = math.isqrt(count - 1) + 1
     blocks = -(-count // length)
-    exponent = (-damping + 1j * ringing) * step_s
-    coarse = np.exp(exponent * (np.arange(blocks)[:, None] * length)) * (weight / ringing)
+    exponent = exponent * step_s
+    coarse = np.exp(exponent * (np.arange(blocks)[:, None] * length)) * amplitude
     fine = np.exp(exponent * np.arange(length)[:, None])
     left = np.hstack([coarse.real, coarse.imag])
     right = np.hstack([fine.imag, fine.real])
     return (left @ right.T).ravel()[:count]
 
 
-def _length_s(omega, damping, weight, sample_rate_hz, decay_db, max_s) -> tuple[float, bool]:
+def _length_s(
+    omega, damping, value, motion, sample_rate_hz: int, decay_db: float, max_s: float
+) -> tuple[float, bool]:
     """Return the time in seconds when the envelopes have fallen by ``decay_db``, and whether it is before ``max_s``.
 
-    The envelope of a ringing mode is ``e^{-d t} / ω_d``, bounded by its critical limit ``t e^{-d t}`` after a period.
-    An overdamped mode is its own envelope; it rises before it falls. So the sum is sampled at logarithmically spaced
-    times, and the last crossing is found by bisection.
+    ``value`` and ``motion`` are ``u`` and ``u' + d u`` at the start. The envelope of a ringing mode is its amplitude
+    times ``e^{-d t}``, bounded by its critical limit after a period. An overdamped mode is its own envelope; it rises
+    before it falls. So the sum is sampled at logarithmically spaced times, and the last crossing is found by bisection.
     """
     rings = damping < omega
     ringing = np.sqrt((omega[rings] - damping[rings]) * (omega[rings] + damping[rings]))
+    place, speed = np.abs(value[rings]), np.abs(motion[rings])
+    amplitude = np.hypot(speed / ringing, place)
 
     def level(time_s):
         time_s = np.asarray(time_s)[..., None]
-        swing = np.exp(-damping[rings] * time_s) * np.minimum(
-            1.0 / ringing, np.maximum(time_s, 1.0 / omega[rings])
-        )
-        creep = _overdamped(omega[~rings], damping[~rings], time_s)
-        return swing @ np.abs(weight[rings]) + creep @ np.abs(weight[~rings])
+        critical = place + speed * np.maximum(time_s, 1.0 / omega[rings])
+        swing = np.exp(-damping[rings] * time_s) * np.minimum(amplitude, critical)
+        creep = _overdamped(omega[~rings], damping[~rings], value[~rings], motion[~rings], time_s)
+        return swing.sum(axis=-1) + np.abs(creep).sum(axis=-1)
 
     times_s = np.geomspace(0.1 / sample_rate_hz, max(max_s, MIN_S), 1000)
     levels = level(times_s)

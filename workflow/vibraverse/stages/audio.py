@@ -39,6 +39,8 @@ def run(job: Job) -> None:
                 options.decay_db,
                 options.max_s,
                 weights,
+                options.contact_s,
+                options.observable,
             )
             wav, levels = audio.wav_bytes(sound.samples, sound.sample_rate_hz, options.subtype)
             (job.outputs["sounds"] / f"{name}.wav").write_bytes(wav)
@@ -60,7 +62,9 @@ def run(job: Job) -> None:
             "object": job.object,
             "solidity": job.solidity,
             "sample_rate_hz": options.sample_rate_hz,
-            "unit": audio.UNIT,
+            "contact_s": options.contact_s,
+            "observable": options.observable,
+            "unit": audio.UNITS[options.observable],
             "sounds": record,
         }
     )

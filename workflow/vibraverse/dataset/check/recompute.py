@@ -117,6 +117,8 @@ def _sounds(body, material: str, making: dict) -> Iterator[str]:
             options["decay_db"],
             options["max_s"],
             weights,
+            options.get("contact_s", 0.0),
+            options.get("observable", "displacement"),
         )
         if len(sound.samples) != len(stored):
             yield f"the sound {name} has {len(stored)} samples, but the stored modes give {len(sound.samples)}"
