@@ -10,6 +10,7 @@ import argparse
 import math
 import sys
 from pathlib import Path
+from typing import get_args
 
 from vibraverse.commands.one_mesh import (
     FLAGS,
@@ -23,14 +24,13 @@ from vibraverse.commands.one_mesh import (
     work_folder,
 )
 from vibraverse.config import ConfigError, validate
-from vibraverse.config.media import Audio
+from vibraverse.config.media import Audio, Observable
 from vibraverse.config.physics import Material
 from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
 from vibraverse.contract.texts import unknown
 from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.machine.threads import set_threads
-from vibraverse.physics.impulse import OBSERVABLES
 from vibraverse.physics.materials import MATERIALS
 
 #: Material parameters and the arguments that override them.
@@ -84,7 +84,7 @@ def parser() -> argparse.ArgumentParser:
     p.add_argument(
         "--observable",
         default=Audio().observable,
-        choices=OBSERVABLES,
+        choices=get_args(Observable),
         help="what of the motion is heard (default %(default)s)",
     )
     p.add_argument(

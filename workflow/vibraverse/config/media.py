@@ -9,6 +9,8 @@ from pydantic import Field, NonNegativeInt, PositiveFloat, field_validator
 from vibraverse.config.base import Section
 from vibraverse.physics.materials import sampled_name
 
+#: What of a motion can be heard.
+Observable = Literal["displacement", "velocity", "acceleration"]
 _Normalised = Annotated[float, Field(ge=-1, le=1)]
 
 
@@ -31,7 +33,7 @@ class Audio(Section):
     """Seconds that the striker touches the body, pressing by half a sine; 0 is an impulse. A hard striker touches for
     less than 0.1 ms, a soft one for some milliseconds."""
 
-    observable: Literal["displacement", "velocity", "acceleration"] = "displacement"
+    observable: Observable = "displacement"
     """What of the motion is heard: ``displacement``, ``velocity`` or ``acceleration``. Each is brighter than the one
     before."""
 
