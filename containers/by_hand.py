@@ -41,16 +41,77 @@ def clean_record(check: Check, path: Path) -> None:
     path.write_text(json.dumps({"size_m": 0.2, "size_origin": "generated"}))
 
 
+def boundary(cells: list) -> list[tuple]:
+    """Return the triangles of tetrahedra that bound one of them alone, outwards."""
+    seen: dict[frozenset, tuple] = {}
+    for a, b, c, d in cells:
+        for face in ((b, c, d), (a, d, c), (a, b, d), (a, c, b)):
+            seen[frozenset(face)] = () if frozenset(face) in seen else face
+    return [face for face in seen.values() if face]
+
+
 def surface(check: Check, path: Path) -> None:
     """Write the surface of a box."""
     from vibraverse.files.meshes import write_ply
 
     points, cells = box()
-    seen: dict[frozenset, tuple] = {}
-    for a, b, c, d in cells.tolist():
-        for face in ((b, c, d), (a, d, c), (a, b, d), (a, c, b)):
-            seen[frozenset(face)] = () if frozenset(face) in seen else face
-    write_ply(path, points, [face for face in seen.values() if face])
+    write_ply(path, points, boundary(cells.tolist()))
+
+
+def basis(check: Check, path: Path) -> None:
+    """Write a modal basis of random fields on a box."""
+    import numpy as np
+
+    from vibraverse.contract.products import hdf5
+    from vibraverse.files.basis import write_basis
+    from vibraverse.physics.reduced import ModalBasis
+
+    random, (points, cells), rank, corrections = np.random.default_rng(0), box(), 16, 8
+    columns = np.vstack([np.zeros((rank, corrections)), np.diag(np.arange(20.0, 28.0))])
+    fields = random.normal(size=(len(points), 3, rank + corrections))
+    made = ModalBasis(
+        a_lambda=np.diag(np.arange(1.0, rank + 1)),
+        a_mu=np.diag(np.arange(2.0, rank + 2)),
+        sketch=np.zeros((1, 4, 3 * rank)),
+        energy_poisson=np.array([0.25]),
+        vertices=points,
+        faces=np.array(boundary(cells.tolist())),
+        surface=fields[..., :rank],
+        correction_lambda=columns,
+        correction_mu=columns,
+        correction_mass=np.zeros((rank, corrections)),
+        correction_surface=fields[..., rank:],
+        poisson_range=np.array([0.1, 0.4]),
+        poisson_nodes=np.array([0.25]),
+        error=1e-6,
+        residuals=np.zeros(corrections),
+        volume=1.8 * 0.6 * 0.4,
+        centre=np.zeros(3),
+        inertia=np.eye(3),
+        order=1,
+        n_vertices=len(points),
+        n_tetrahedra=len(cells),
+        n_unknowns=3 * len(points),
+        method="made up",
+        factorisation="made up",
+    )
+    with hdf5(path) as h5:
+        write_basis(h5, made)
+
+
+def modes(check: Check, path: Path) -> None:
+    """Write frequencies of a body, which belong to no basis."""
+    import numpy as np
+
+    from vibraverse.contract.products import hdf5, write_provenance
+
+    with hdf5(path) as h5:
+        write_provenance(h5, {"stage": "modes", "options": {"corrected": True}})
+        h5.attrs.update({"size_m": 0.2, "scale_m": 0.2 / 1.8})
+        for name, material in check.plan.config.materials.items():
+            group = h5.create_group(f"materials/{name}")
+            group["frequencies_hz"] = np.arange(1.0, 9.0) * 1000
+            group.attrs.update({**material.model_dump(), "solved_directly": False})
 
 
 def known_meshes(check: Check, path: Path) -> None:
@@ -213,6 +274,8 @@ BY_HAND = {
     "tets": tets,
     "clean_record": clean_record,
     "surface": surface,
+    "basis": basis,
+    "modes": modes,
     "validation_meshes": known_meshes,
     "validation_comparison": comparison,
     "config": configuration,

@@ -101,10 +101,13 @@ class Check:
         from vibraverse.contract import step as per
 
         objects = [{"object": name} for name in self.plan.objects]
-        solidities = self.plan.config.solidities
+        bodies = [
+            {**one, "solidity": solidity} for one in objects for solidity in self.plan.config.solidities
+        ]
         return {
             per.OBJECT: objects,
-            per.BODY: [{**one, "solidity": solidity} for one in objects for solidity in solidities],
+            per.BODY: bodies,
+            per.SHOWN_BODY: bodies,
             per.SHARD: [{"shard": shard} for shard in self.plan.shards],
             per.KNOWN_BODY: [{"body": by_hand.KNOWN}],
             per.TRAINING: self.plan.trainings(),

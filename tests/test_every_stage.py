@@ -1,7 +1,7 @@
 """Every stage of the table really runs, including the validation and its part of the report.
 
-The tiny run makes all but the validation. That is run by its own rules for the body that takes least; the comparisons
-of the other bodies are copies of its.
+The tiny run makes all but the data of the page and the validation. Its own rules run the latter for the body that takes
+least; the comparisons of the other bodies are copies of its.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ KNOWN = "block"
 
 @pytest.fixture(scope="module")
 def validated(finished, tmp_path_factory) -> Run:
-    """A copy of the tiny run after ``snakemake validation`` and the report that shows it."""
+    """A copy of the tiny run after ``snakemake validation page_data``, and the report that shows the validation."""
     run = Run(tmp_path_factory.mktemp("validated"), finished.root)
     shutil.copytree(finished.folder, run.folder, dirs_exist_ok=True)
     paths = Paths()
@@ -41,6 +41,7 @@ def validated(finished, tmp_path_factory) -> Run:
             {**said, "body": body, "rows": rows},
         )
     run("validation")
+    run("page_data")
     run()
     return run
 

@@ -27,7 +27,7 @@ FOUND_BY_THE_STAGE = {("dataset", "products")}
 _VALIDATION = dict.fromkeys(("validation_meshes", "validation_modes", "validation_table"), "validation")
 _LEARNING = dict.fromkeys(("features", "train", "evaluate", "baselines", "results", "learn_page"), "learn")
 #: Stages that share a page in ``docs/``, and stages that share a test file, each with its name.
-SHARED_PAGES = {"index": "dataset", **_VALIDATION, **_LEARNING}
+SHARED_PAGES = {"index": "dataset", "page_body": "report", **_VALIDATION, **_LEARNING}
 SHARED_TESTS = {**_VALIDATION, "evaluate": "tasks", "baselines": "tasks", "results": "tasks"}
 #: Stages of other runs than the one that ``docs/architecture.md`` draws.
 NOT_DRAWN = {*_VALIDATION}

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-#: What a stage has one job for: an object, one of its bodies, a shard, the dataset, a body with known frequencies, the
-#: whole validation, a training, a split of a task, or all of learning.
-OBJECT, BODY, SHARD, DATASET, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, LEARNING = (
+#: What a stage has one job for: an object, one of its bodies, a shard, the dataset, a body on the page, a body with
+#: known frequencies, the whole validation, a training, a split of a task, or all of learning.
+OBJECT, BODY, SHARD, DATASET, SHOWN_BODY, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, LEARNING = (
     "object",
     "body",
     "shard",
     "dataset",
+    "shown body",
     "known body",
     "validation",
     "training",
@@ -24,6 +25,7 @@ _WILDCARDS = {
     OBJECT: ("object",),
     BODY: ("object", "solidity"),
     SHARD: ("shard",),
+    SHOWN_BODY: ("object", "solidity"),
     KNOWN_BODY: ("body",),
     TRAINING: ("task", "split", "model", "seed"),
     COMPARISON: ("task", "split"),

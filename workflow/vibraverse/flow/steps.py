@@ -7,8 +7,9 @@ table.
 
 from __future__ import annotations
 
-from vibraverse.contract.step import BODY, DATASET, KNOWN_BODY, OBJECT, SHARD, VALIDATION, Input, Output, Step
+from vibraverse.contract.step import BODY, DATASET, OBJECT, SHARD, SHOWN_BODY, Input, Output, Step
 from vibraverse.flow.learning import LEARNING_STEPS
+from vibraverse.flow.validation import VALIDATION_STEPS
 
 #: Modules that the readers of mesh files import when they read.
 _READERS = ("vibraverse.files.reading.rows", "vibraverse.files.reading.scene")
@@ -212,6 +213,32 @@ STEPS = (
         imports=("vibraverse.media.images", "pyvista.plotting"),
     ),
     Step(
+        name="page_body",
+        version=1,
+        help="write the data with which a body is struck on the page",
+        per=SHOWN_BODY,
+        family="geometry",
+        inputs={
+            "basis": Input("basis", "the modal basis (HDF5)"),
+            "modes": Input("modes", "the materials, and the size of the body (HDF5)"),
+        },
+        outputs={
+            "script": Output(
+                "page_body",
+                "report/data/{object}-{solidity}.js",
+                "outside, frequencies and shapes at every Poisson's ratio (JavaScript)",
+            ),
+            "record": Output(
+                "page_body_record",
+                "report/data/{object}-{solidity}.json",
+                "how far strikes on the page are from those on the body (JSON)",
+            ),
+        },
+        record="record",
+        libraries=("h5py", "numpy", "pymeshlab", "scipy"),
+        imports=("vibraverse.files.basis", "vibraverse.report.body", "h5py"),
+    ),
+    Step(
         name="dataset",
         version=7,
         help="pack objects into one HDF5 shard",
@@ -306,64 +333,7 @@ STEPS = (
         libraries=("jinja2", "matplotlib", "numpy", "h5py", "soundfile"),
         passes_refusals=False,
     ),
-    Step(
-        name="validation_meshes",
-        version=3,
-        help="mesh a body whose frequencies are known, coarse to fine",
-        per=KNOWN_BODY,
-        family="geometry",
-        inputs={},
-        outputs={
-            "meshes": Output(
-                "validation_meshes",
-                "validation/{body}/meshes.h5",
-                "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)",
-            )
-        },
-        record="meshes",
-        libraries=("gmsh", "h5py", "manifold3d", "mmgpy", "numba", "numpy", "scipy", "vtk"),
-    ),
-    Step(
-        name="validation_modes",
-        version=1,
-        help="compare a body's frequencies with those it must have",
-        per=KNOWN_BODY,
-        family="fem",
-        inputs={
-            "meshes": Input(
-                "validation_meshes", "tetrahedra, coarse to fine, and metres per mesh unit (HDF5)"
-            )
-        },
-        outputs={
-            "record": Output(
-                "validation_comparison",
-                "validation/{body}/comparison.json",
-                "every frequency beside its reference (JSON)",
-            )
-        },
-        record="record",
-        libraries=("h5py", "numpy", "scipy", "scikit-fem", "pypardiso"),
-    ),
-    Step(
-        name="validation_table",
-        version=1,
-        help="join the comparisons of all bodies, and plot them",
-        per=VALIDATION,
-        family="report",
-        inputs={"comparisons": Input("validation_comparison", "comparisons of all bodies (JSON)", many=True)},
-        outputs={
-            "table": Output("validation_table", "validation/validation.tsv", "every comparison (TSV)"),
-            "record": Output(
-                "validation_record",
-                "validation/validation.json",
-                "the same with summaries, convergence and what is missed (JSON)",
-            ),
-            "plot": Output("validation_plot", "validation/convergence.svg", "errors against unknowns (SVG)"),
-        },
-        record="record",
-        libraries=("matplotlib", "numpy"),
-        passes_refusals=False,
-    ),
+    *VALIDATION_STEPS,
     *LEARNING_STEPS,
 )
 

@@ -34,6 +34,15 @@ def shard_products(plan: Plan, shard: str) -> list[str]:
     ]
 
 
+def page_bodies(plan: Plan) -> list[str]:
+    """Return the scripts with which the bodies of all objects are struck on the page."""
+    return [
+        plan.paths.at(plan.paths.page_body, object=object_, solidity=solidity)
+        for object_ in sorted(plan.objects)
+        for solidity in plan.config.solidities
+    ]
+
+
 def shards(plan: Plan) -> list[str]:
     """Return all shards of the dataset."""
     return [plan.paths.at(plan.paths.shard, shard=shard) for shard in sorted(plan.shards)]
