@@ -27,7 +27,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-from vibraverse.commands.heard import FOUND, Known, facts_of
+from vibraverse.commands.heard import FEW, FOUND, NOTHING, Known, facts_of
 from vibraverse.commands.listen import WALLS
 from vibraverse.config.geometry import Tets
 from vibraverse.contract.errors import Refused, UsageError
@@ -103,7 +103,7 @@ def materials(arguments) -> None:
         ),
     ):
         print(
-            f"| {title} | cases | fewer than 3 peaks | nothing fits | found | E/ρ: median error | within 1 % | "
+            f"| {title} | cases | too few peaks | nothing fits | found | E/ρ: median error | within 1 % | "
             "in interval | ν: median error | within 0.02 | in interval | α in interval | β in interval |"
         )
         print("|" + 13 * " --- |")
@@ -119,9 +119,9 @@ def heard(sounding, material: str, size_m: float, snr: float, model, exact, labe
     known = Known(size_m, None, None, None)
     try:
         found_peaks = peaks.find(strike(recording, _RATE_HZ).samples, _RATE_HZ)
-        found = answer(found_peaks, model, _bounds(known, model, found_peaks), exact)
+        found = answer(found_peaks, model, _bounds(known, model), exact)
     except UsageError:
-        return {"verdict": "too few"}
+        return {"verdict": FEW}
     facts = facts_of(found, found_peaks, exact, known, {1.0: 1.0})
     truth = {**true, "young_per_density_m2_s2": true["young_pa"] / true["density_kg_m3"]}
     result = {"verdict": facts["verdict"]}
@@ -159,7 +159,7 @@ def walls(arguments) -> None:
         recording = sound(sounding, MATERIALS[material], size_m, arguments.snr[0], f"{folder}-wall")
         known = Known(size_m, None, None, None)
         heard_peaks = peaks.find(strike(recording, _RATE_HZ).samples, _RATE_HZ)
-        found = answer(heard_peaks, model, _bounds(known, model, heard_peaks))
+        found = answer(heard_peaks, model, _bounds(known, model))
         facts = facts_of(found, heard_peaks, model, known, dict.fromkeys(WALLS, 1.0))
         if facts["verdict"] != FOUND:
             print(
@@ -188,8 +188,8 @@ def sound(basis, material: dict, size_m: float, snr: float, label: str) -> np.nd
     return (whole / max(np.abs(whole).max(), 1.0))[:, None]
 
 
-def _bounds(known: Known, model, found: peaks.Peaks) -> np.ndarray:
-    return known.bounds(model.bounds, found, _SLOWEST_M_S, MAX_SPEED_M_S, SIZE_M)
+def _bounds(known: Known, model) -> np.ndarray:
+    return known.bounds(model.bounds, _SLOWEST_M_S, MAX_SPEED_M_S, SIZE_M)
 
 
 def _folders(results: Path, solidity: str) -> list[Path]:
@@ -261,8 +261,8 @@ def _table_row(label: str, group: list[dict]) -> str:
     cells = [
         label,
         len(group),
-        sum(row["verdict"] == "too few" for row in group),
-        sum(row["verdict"] == "nothing fits" for row in group),
+        sum(row["verdict"] == FEW for row in group),
+        sum(row["verdict"] == NOTHING for row in group),
         len(found),
         f"{100 * np.median([one[0] for one in ratio]):.2f} %" if ratio else "–",
         share(one[0] < 0.01 for one in ratio),

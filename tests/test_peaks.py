@@ -27,7 +27,7 @@ def test_errors_of_a_pole_are_the_cramer_rao_bound():
     """One pole of modulus r in complex white noise: ``var Re s = var Im s = σ² (1 - r²)³ / (2 r² |c|²)``."""
     random, true, noise, count = np.random.default_rng(1), -0.02 + 0.7j, 0.05, 400
     found = []
-    for _ in range(60):
+    for _ in range(30):
         white = random.normal(size=(2, count)) * noise / np.sqrt(2)
         signal = np.exp(true * np.arange(count)) + white[0] + 1j * white[1]
         one = poles.find(signal)
@@ -37,8 +37,8 @@ def test_errors_of_a_pole_are_the_cramer_rao_bound():
     square = np.exp(2 * true.real)
     bound = noise * np.sqrt((1 - square) ** 3 / square / 2)
     assert errors.real == pytest.approx(bound, rel=0.15)
-    assert np.std(exponents.real) == pytest.approx(bound, rel=0.3)
-    assert np.std(exponents.imag) == pytest.approx(bound, rel=0.3)
+    assert np.std(exponents.real) == pytest.approx(bound, rel=0.4)
+    assert np.std(exponents.imag) == pytest.approx(bound, rel=0.4)
 
 
 def test_modes_that_last_for_milliseconds_and_for_seconds():
@@ -59,7 +59,7 @@ def test_modes_that_last_for_milliseconds_and_for_seconds():
 
 
 def test_noise_alone_has_hardly_a_peak():
-    noise = np.random.default_rng(3).normal(size=RATE)
+    noise = np.random.default_rng(3).normal(size=RATE // 4)
     assert len(peaks.find(noise, RATE)) <= 3
 
 

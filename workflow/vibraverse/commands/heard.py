@@ -21,7 +21,9 @@ _MAX_SPREAD = 0.006
 #: Scatter of log(E/ρ) and of ν among specimens of one material.
 _SCATTER_LOG, _SCATTER_POISSON = 0.06, 0.02
 #: Verdicts.
-FOUND, SEVERAL, NOTHING = "found", "several answers", "nothing fits"
+FOUND, SEVERAL, FEW, NOTHING = "found", "several answers", "too few peaks", "nothing fits"
+#: Peaks that, if they are of another body, match no better than chance; fewer may be of this one.
+_MANY = 8
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class Known:
             else float(np.sqrt(self.material.young_pa / self.material.density_kg_m3))
         )
 
-    def bounds(self, of_model: np.ndarray, peaks, slowest: float, fastest: float, sizes) -> np.ndarray:
+    def bounds(self, of_model: np.ndarray, slowest: float, fastest: float, sizes) -> np.ndarray:
         """Return the bounds of ``log s`` and of the model's parameters (1 + q, 2).
 
         ``slowest`` and ``fastest`` bound ``sqrt(E/ρ)`` in m/s and ``sizes`` the size in m where they are not known.
@@ -66,7 +68,7 @@ def facts_of(found: Answer, peaks, model, known: Known, volumes: dict[float, flo
 
     ``volumes`` are those of the solved bodies by wall, in mesh units.
     """
-    verdict = NOTHING if not found.fits else SEVERAL if found.others else FOUND
+    verdict = _verdict(found)
     estimate = found.estimate
     facts = {
         "verdict": verdict,
@@ -87,7 +89,7 @@ def facts_of(found: Answer, peaks, model, known: Known, volumes: dict[float, flo
         "peaks": _peaks(found, peaks, model),
         "warnings": [],
     }
-    if verdict == NOTHING:
+    if not found.fits:
         return facts
     values, doubts = _values(estimate, known, volumes)
     facts["others"] = [_values(one, known, volumes)[0] for one in found.others]
@@ -109,14 +111,25 @@ def facts_of(found: Answer, peaks, model, known: Known, volumes: dict[float, flo
     return facts
 
 
+def _verdict(found: Answer) -> str:
+    if found.fits:
+        return SEVERAL if found.others else FOUND
+    return FEW if found.explains and found.within < _MANY else NOTHING
+
+
 def _sentence(found: Answer, verdict: str) -> str:
     count = f"{found.explained} of {found.within} peaks match modes of the body"
     chance = f"score {found.score:.0f}, by chance {found.chance[0]:.0f} ± {found.chance[1]:.0f}"
-    if verdict == NOTHING:
-        few = " More peaks would tell: let the body ring freely." if found.within < 8 else ""
+    if verdict == FEW:
         return (
-            f"Nothing fits: {count}, no better than chance would have it ({chance}). The mesh is not the body that was "
-            f"recorded, or its wall or its material is not uniform.{few}"
+            f"Not determined: {count}, but chance would have it so too ({chance}). More peaks would tell: record "
+            "nearer, and let the body ring freely."
+        )
+    if verdict == NOTHING:
+        how = "no better than chance would have it" if found.explains else "too few or too far off"
+        return (
+            f"Nothing fits: {count}, {how} ({chance}). The mesh is not the body that was recorded, or its wall or its "
+            "material is not uniform."
         )
     if verdict == SEVERAL:
         return (

@@ -145,7 +145,7 @@ class _Listen:
         known = Known(None if sought else size_m, self.material, self.material_name, self.mass_kg)
         with progress("search"):
             found = answer(
-                peaks, model, known.bounds(model.bounds, peaks, _MIN_SPEED_M_S, MAX_SPEED_M_S, SIZE_M), exact
+                peaks, model, known.bounds(model.bounds, _MIN_SPEED_M_S, MAX_SPEED_M_S, SIZE_M), exact
             )
         facts = facts_of(found, peaks, model if exact is None else exact, known, volume)
         return {

@@ -35,7 +35,7 @@ class Answer:
     """The best ``estimate`` and ``others`` that are as good, with the damping of its modes.
 
     ``score`` is compared with ``chance`` (mean and standard deviation of random bodies). ``explained`` of ``within``
-    peaks in the range of the body's modes are matched. ``fits`` says whether the body can have made the sound.
+    peaks in the range of the body's modes are matched.
     """
 
     estimate: Estimate
@@ -45,7 +45,21 @@ class Answer:
     chance: tuple[float, float]
     explained: int
     within: int
-    fits: bool
+
+    @property
+    def explains(self) -> bool:
+        """Whether most peaks lie near modes."""
+        return self.explained >= _MIN_EXPLAINED * self.within and self.estimate.spread < _MAX_SPREAD
+
+    @property
+    def above_chance(self) -> bool:
+        """Whether they do so better than near the modes of random bodies."""
+        return self.score > self.chance[0] + _ABOVE_CHANCE * self.chance[1]
+
+    @property
+    def fits(self) -> bool:
+        """Whether the body made the sound, as far as it tells."""
+        return self.explains and self.above_chance
 
 
 def answer(peaks: Peaks, model: Searchable, bounds: np.ndarray, exact: Model | None = None) -> Answer:
@@ -70,9 +84,6 @@ def answer(peaks: Peaks, model: Searchable, bounds: np.ndarray, exact: Model | N
     predicted = best.values[0] + lines.log_omega
     reach = heard.log_frequency < predicted[-1] + 0.01
     within, explained = int(reach.sum()), len(best.match.peaks)
-    chance = _chance(heard, model, bounds)
-    fits = best.match.score > chance[0] + _ABOVE_CHANCE * chance[1]
-    fits = fits and explained >= _MIN_EXPLAINED * within and best.spread < _MAX_SPREAD
     matched = peaks.chosen(best.match.peaks)
     known = np.isfinite(matched.decay_error_per_s)
     decays = None
@@ -80,7 +91,8 @@ def answer(peaks: Peaks, model: Searchable, bounds: np.ndarray, exact: Model | N
         decays = damping(
             matched.frequency_hz[known], matched.decay_per_s[known], matched.decay_error_per_s[known]
         )
-    return Answer(best, others, decays, best.match.score, chance, explained, within, bool(fits))
+    chance = _chance(heard, model, bounds)
+    return Answer(best, others, decays, best.match.score, chance, explained, within)
 
 
 def enough(peaks: Peaks) -> None:

@@ -18,8 +18,9 @@ _MAX_SHARE = 0.25
 #: Singular values of noise follow the law of Marchenko and Pastur. The threshold that is best against unknown noise, in
 #: units of the median singular value of a square matrix (Gavish and Donoho, IEEE Trans. Inf. Theory 60, 5040, 2014).
 _SINGULAR_THRESHOLD = 2.858
-#: Steps of Gauss and Newton, and the relative fall of the residual below which they end.
-_MAX_STEPS, _SMALL_FALL = 12, 1e-6
+#: Most steps of Gauss and Newton, those while poles are still dropped, and the relative fall of the residual at which
+#: they end.
+_MAX_STEPS, _FEW_STEPS, _SMALL_FALL = 12, 3, 1e-6
 #: A pole whose amplitude is below this many standard errors is noise.
 _MIN_SIGNIFICANCE = 5.0
 
@@ -44,7 +45,7 @@ def find(signal: np.ndarray) -> Poles:
     if count < 8 or not np.abs(signal).max() > 0:
         return _none(signal)
     exponents = _esprit(signal, int(_MAX_SHARE * count))
-    found = _refine(signal, exponents)
+    found = _refine(signal, exponents, _FEW_STEPS)
     while len(found.exponents):
         good = _significant(found)
         if good.all():
@@ -52,8 +53,8 @@ def find(signal: np.ndarray) -> Poles:
         # The weakest goes first, because two poles that share a peak make each other uncertain.
         doubts = found.amplitude_error / np.abs(found.amplitudes)
         keep = np.delete(np.arange(len(good)), np.argmax(np.where(good, 0.0, doubts)))
-        found = _refine(signal, found.exponents[keep])
-    return found
+        found = _refine(signal, found.exponents[keep], _FEW_STEPS)
+    return _refine(signal, found.exponents, _MAX_STEPS)
 
 
 def _none(signal: np.ndarray) -> Poles:
@@ -85,7 +86,7 @@ def _esprit(signal: np.ndarray, most: int) -> np.ndarray:
     return np.minimum(exponents.real, 0.0) + 1j * exponents.imag
 
 
-def _refine(signal: np.ndarray, exponents: np.ndarray) -> Poles:
+def _refine(signal: np.ndarray, exponents: np.ndarray, steps: int) -> Poles:
     """Return the least-squares solution next to some exponents (k,), with its standard errors.
 
     The model is analytic in its complex parameters, so a complex least-squares problem gives each step.
@@ -101,7 +102,7 @@ def _refine(signal: np.ndarray, exponents: np.ndarray) -> Poles:
         return powers, amplitudes, residual, np.vdot(residual, residual).real
 
     powers, amplitudes, residual, squares = solved(exponents)
-    for _ in range(_MAX_STEPS):
+    for _ in range(steps):
         jacobian = np.hstack([powers, time * powers * amplitudes])
         step = np.linalg.lstsq(jacobian, residual, rcond=1e-10)[0][len(exponents) :]
         scale = 1.0
