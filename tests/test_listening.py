@@ -71,14 +71,17 @@ def test_lines_are_those_of_the_workflow():
     found = (
         np.exp(Resonances(basis).at(np.array([0.33])).log_omega) * np.sqrt(7e10 / 2700.0) / 0.1 / (2 * np.pi)
     )
-    np.testing.assert_allclose(found, expected, rtol=2e-4)
+    np.testing.assert_allclose(found, expected, rtol=5e-4)
+    assert (found <= expected * (1 + 1e-9)).all(), "they are Ritz values of a larger space"
 
 
 def test_a_table_is_near_the_lines(block, table):
     for poisson in (0.07, 0.2, 0.333):
         exact, near = (one.at(np.array([poisson])) for one in (block, table))
-        assert np.abs(exact.log_omega - near.log_omega).max() < 1e-3
-        assert np.median(np.abs(exact.slopes - near.slopes)) < 1e-2
+        off = np.abs(exact.log_omega - near.log_omega)
+        assert np.median(off) < 1e-6
+        assert off.max() < 4e-3, "where lines cross"
+        assert np.median(np.abs(exact.slopes - near.slopes)) < 1e-4
 
 
 # The assignment
@@ -105,15 +108,17 @@ def test_missing_and_spurious_peaks():
 # The material
 
 
-def test_the_measured_block_has_its_published_constants(block, table):
-    """The twelve lowest frequencies, measured by others, give what they published within 1 %."""
+def test_the_measured_block_has_its_published_constants():
+    """Twelve frequencies that others measured, 0.3 % off by themselves, give E within 1 % and ν within 0.005 of theirs."""
+    block = Resonances(basis_of(box(BLOCK_MM, (6, 5, 5)), 20, "fine block"))
+    table = block.table()
     found = answer(peaks.listed(BLOCK_HZ, np.full(12, np.nan)), table, bounds(table), block)
     assert found.fits
     assert found.others == []
     assert found.explained == 12
     young = DENSITY * young_per_density(found.estimate.values[0])
     assert young == pytest.approx(YOUNG, rel=0.01)
-    assert found.estimate.values[1] == pytest.approx(POISSON, rel=0.01)
+    assert found.estimate.values[1] == pytest.approx(POISSON, abs=0.005)
     assert abs(np.log(young / YOUNG)) < 2 * found.estimate.half_width(0)
     assert abs(found.estimate.values[1] - POISSON) < found.estimate.half_width(1)
 
@@ -143,7 +148,7 @@ def test_fewer_than_three_peaks_are_too_few(table):
 def test_intervals_hold_the_truth(block, table):
     """Of peaks that are 0.1 % off: at least 90 % of the intervals hold E/ρ and ν, and they are narrow."""
     random, held, widths = np.random.default_rng(8), [], []
-    for _ in range(20):
+    for _ in range(12):
         poisson, speed = random.uniform(0.15, 0.4), random.uniform(2000.0, 6000.0)
         lines = block.at(np.array([poisson])).log_omega + np.log(speed / 1e-3 / (2 * np.pi))
         chosen = random.random(len(lines)) > 0.3

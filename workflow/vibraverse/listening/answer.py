@@ -24,8 +24,9 @@ MIN_PEAKS = 3
 _DECOYS, _MOVED = 16, 0.05
 #: A match must be this many standard deviations above the mean of the random bodies; 0.3 % of maxima (Gumbel) are.
 _ABOVE_CHANCE = 4.0
-#: Smallest share of the peaks among the modes that must be explained, and the largest spread in log frequency.
-_MIN_EXPLAINED, _MAX_SPREAD = 0.5, 0.02
+#: Smallest share of the peaks among the modes that must be explained, the smallest share of the score that a match of
+#: all of them would have, and the largest spread in log frequency.
+_MIN_EXPLAINED, _MIN_SCORE, _MAX_SPREAD = 0.5, 0.45, 0.02
 #: Another answer is as good if its score is less than this below the best one, a likelihood ratio of 20.
 _AS_GOOD = 3.0
 
@@ -34,8 +35,9 @@ _AS_GOOD = 3.0
 class Answer:
     """The best ``estimate`` and ``others`` that are as good, with the damping of its modes.
 
-    ``score`` is compared with ``chance`` (mean and standard deviation of random bodies). ``explained`` of ``within``
-    peaks in the range of the body's modes are matched.
+    ``score``, of the search, is compared with ``chance``, mean and standard deviation of those of random bodies, and
+    with ``ideal``, that of a match of all peaks without a missing mode. ``explained`` of ``within`` peaks in the range
+    of the body's modes are matched.
     """
 
     estimate: Estimate
@@ -43,13 +45,15 @@ class Answer:
     damping: Damping | None
     score: float
     chance: tuple[float, float]
+    ideal: float
     explained: int
     within: int
 
     @property
     def explains(self) -> bool:
         """Whether most peaks lie near modes."""
-        return self.explained >= _MIN_EXPLAINED * self.within and self.estimate.spread < _MAX_SPREAD
+        enough = self.explained >= _MIN_EXPLAINED * self.within and self.score > _MIN_SCORE * self.ideal
+        return enough and self.estimate.spread < _MAX_SPREAD
 
     @property
     def above_chance(self) -> bool:
@@ -91,8 +95,9 @@ def answer(peaks: Peaks, model: Searchable, bounds: np.ndarray, exact: Model | N
         decays = damping(
             matched.frequency_hz[known], matched.decay_per_s[known], matched.decay_error_per_s[known]
         )
-    chance = _chance(heard, model, bounds)
-    return Answer(best, others, decays, best.match.score, chance, explained, within)
+    score, chance = _compared(heard, model, bounds)
+    ideal = assignment.ideal(heard, np.flatnonzero(reach), lines.error, SEARCH_SPREAD)
+    return Answer(best, others, decays, score, chance, ideal, explained, within)
 
 
 def enough(peaks: Peaks) -> None:
@@ -104,8 +109,8 @@ def enough(peaks: Peaks) -> None:
         )
 
 
-def _chance(heard: Heard, model: Searchable, bounds: np.ndarray) -> tuple[float, float]:
-    """Return the mean and the standard deviation of the best scores of random bodies."""
+def _compared(heard: Heard, model: Searchable, bounds: np.ndarray) -> tuple[float, tuple[float, float]]:
+    """Return the best score of a search, and the mean and the standard deviation of those with random bodies."""
     random = rng("listening", "chance")
     parameters, combs = model.grid(bounds[1:])
     combs = combs[:: max(1, len(combs) // 40)]
@@ -113,8 +118,9 @@ def _chance(heard: Heard, model: Searchable, bounds: np.ndarray) -> tuple[float,
     margin = SEARCH_SPREAD
     reach = bounds[0, 0] - margin, bounds[0, 1] + margin
     scores = []
-    for _ in range(_DECOYS):
-        moved = np.sort(combs + _MOVED * random.standard_normal(combs.shape[1]), axis=1)
+    for moved_by in (0.0, *[_MOVED] * _DECOYS):
+        moved = np.sort(combs + moved_by * random.standard_normal(combs.shape[1]), axis=1)
         found = assignment.search(heard, moved, error, reach, SEARCH_SPREAD)[2]
-        scores.append(found[0] if len(found) else 0.0)
-    return float(np.mean(scores)), float(np.std(scores, ddof=1))
+        scores.append(float(found[0]) if len(found) else 0.0)
+    own, *others = scores
+    return own, (float(np.mean(others)), float(np.std(others, ddof=1)))

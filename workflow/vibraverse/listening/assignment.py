@@ -89,6 +89,13 @@ def match(heard: Heard, predicted: np.ndarray, error: np.ndarray, spread: float)
     return Match(np.array(peaks[::-1], dtype=int), np.array(modes[::-1], dtype=int), score)
 
 
+def ideal(heard: Heard, peaks: np.ndarray, error: np.ndarray, spread: float) -> float:
+    """Return the score to be expected if some peaks (n,) are the only modes, each as far off as its errors say."""
+    variance = heard.error[peaks] ** 2 + np.mean(error**2) + spread**2
+    gain = np.log((1 - MISSING) / MISSING) - 0.5 * np.log(2 * np.pi * variance) - np.log(heard.clutter) - 0.5
+    return float(gain.sum())
+
+
 def _votes(heard: Heard, comb: np.ndarray, bounds: tuple[float, float]) -> np.ndarray:
     """Return the shifts within bounds at which most peaks lie on modes; a mode counts by its distance to others."""
     apart = np.gradient(comb) if len(comb) > 1 else np.ones(1)

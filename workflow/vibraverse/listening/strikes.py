@@ -140,9 +140,9 @@ def _begin(samples: np.ndarray, at: int, length: int) -> int:
 
 
 def _frames(samples: np.ndarray, length: int) -> np.ndarray:
-    """Return the frames (t, length) of a signal, the last one filled up with zeros."""
-    count = -(-len(samples) // length)
-    return np.pad(samples, (0, count * length - len(samples))).reshape(count, length)
+    """Return the whole frames (t, length) of a signal, at least one. An end amid a frame would look like a hit."""
+    count = max(len(samples) // length, 1)
+    return np.resize(samples, (count, length))
 
 
 def _levels(samples: np.ndarray, rate_hz: int) -> np.ndarray:
