@@ -109,7 +109,7 @@ def test_missing_and_spurious_peaks():
 
 
 def test_the_measured_block_has_its_published_constants():
-    """Twelve frequencies that others measured, 0.3 % off by themselves, give E within 1 % and ν within 0.005 of theirs."""
+    """Twelve measured frequencies, which scatter by 0.3 %, give the published E within 1 % and ν within 0.005."""
     block = Resonances(basis_of(box(BLOCK_MM, (6, 5, 5)), 20, "fine block"))
     table = block.table()
     found = answer(peaks.listed(BLOCK_HZ, np.full(12, np.nan)), table, bounds(table), block)
@@ -148,7 +148,7 @@ def test_fewer_than_three_peaks_are_too_few(table):
 def test_intervals_hold_the_truth(block, table):
     """Of peaks that are 0.1 % off: at least 90 % of the intervals hold E/ρ and ν, and they are narrow."""
     random, held, widths = np.random.default_rng(8), [], []
-    for _ in range(12):
+    for _ in range(10):
         poisson, speed = random.uniform(0.15, 0.4), random.uniform(2000.0, 6000.0)
         lines = block.at(np.array([poisson])).log_omega + np.log(speed / 1e-3 / (2 * np.pi))
         chosen = random.random(len(lines)) > 0.3
@@ -163,7 +163,7 @@ def test_intervals_hold_the_truth(block, table):
         held += [abs(one) <= width for one, width in zip(off, half, strict=True)]
         widths.append(half)
     assert np.mean(held) >= 0.9
-    assert np.median(widths, axis=0) == pytest.approx([0.002, 0.006], rel=0.8)
+    assert np.median(widths, axis=0) == pytest.approx([0.002, 0.004], rel=0.6)
 
 
 # Damping

@@ -2,8 +2,8 @@
 
 Several starts come from the search of :mod:`vibraverse.listening.assignment`. From each, matching and weighted least
 squares take turns. What the residuals have beyond the errors of peaks and elements is their *spread*: errors of the
-shape, of the supports, of the assumption of one isotropic material. It is such that the weighted squares sum to the
-degrees of freedom (Paule and Mandel, J. Res. Natl. Bur. Stand. 87, 377, 1982).
+shape, of the supports, of the assumption of one isotropic material. It is the likeliest one (restricted maximum
+likelihood: Harville, J. Am. Stat. Assoc. 72, 320, 1977).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from scipy.optimize import brentq
+from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
 from vibraverse.listening import assignment
@@ -23,6 +23,8 @@ from vibraverse.listening.resonances import Lines
 SEARCH_SPREAD, _SPREADS = 5e-3, (5e-3, 2.5e-3, 1.2e-3)
 #: Starts of the search that are refined, and the difference of values below which two results are one.
 _STARTS, _SAME = 10, 1e-2
+#: Range of the spread. No real body is nearer to its mesh than the lowest.
+_SPREAD_RANGE = (5e-4, 0.1)
 #: Steps of least squares between two matchings, and the change of a parameter at which they end.
 _STEPS, _SMALL_STEP = 10, 1e-6
 #: Share of the elements' error that all modes have in common: corrected frequencies are still upper bounds.
@@ -201,23 +203,21 @@ def _paired(lines: Lines, match: Match) -> tuple[np.ndarray, np.ndarray, np.ndar
 
 
 def _spread(residual: np.ndarray, jacobian: np.ndarray, variance: np.ndarray) -> float:
-    """Return the spread that explains the residuals (n,) beyond their ``variance`` (n,), by Paule and Mandel."""
-    freedom = len(residual) - jacobian.shape[1]
-    if freedom < 1:
+    """Return the likeliest spread of residuals (n,) beyond their ``variance`` (n,): restricted maximum likelihood."""
+    if len(residual) <= jacobian.shape[1]:
         return 0.0
 
-    def excess(squared: float) -> float:
-        weight = 1.0 / (variance + squared)
-        half = np.sqrt(weight)
-        rest = half * residual
-        rest = (
-            rest - half[:, None] * jacobian @ np.linalg.lstsq(half[:, None] * jacobian, rest, rcond=None)[0]
-        )
-        return rest @ rest - freedom
+    def unlikely(log_spread: float) -> float:
+        total = variance + np.exp(2 * log_spread)
+        weighted = jacobian / total[:, None]
+        normal = jacobian.T @ weighted
+        moved = np.linalg.lstsq(normal, weighted.T @ residual, rcond=1e-12)[0]
+        rest = residual - jacobian @ moved
+        # The last term makes up for the parameters that the residuals have been fitted with.
+        return float(np.log(total).sum() + (rest**2 / total).sum() + np.linalg.slogdet(normal)[1])
 
-    if excess(0.0) <= 0:
-        return 0.0
-    high = float(residual @ residual) + 1e-12
-    while excess(high) > 0:
-        high *= 4
-    return float(np.sqrt(brentq(excess, 0.0, high, rtol=1e-3)))
+    low, high = _SPREAD_RANGE
+    best = minimize_scalar(
+        unlikely, bounds=(np.log(low), np.log(high)), method="bounded", options={"xatol": 0.02}
+    )
+    return float(np.exp(best.x)) if best.fun < unlikely(np.log(low)) else low

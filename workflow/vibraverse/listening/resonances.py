@@ -23,6 +23,9 @@ from vibraverse.physics.reduced import ModalBasis
 #: Largest steps in ν between the lines of a table, and between hypotheses about ν.
 _NODE_STEP, _GRID_STEP = 0.03, 0.01
 
+#: An estimated error may be small by accident, so this share of the median is added to each.
+_COMMON_ERROR = 0.5
+
 
 @dataclass(frozen=True)
 class Lines:
@@ -53,7 +56,8 @@ class Resonances:
         )
         self.modes = len(basis.residuals)
         self.bounds = np.array(basis.poisson_range, dtype=float)[None]
-        self._error = reduced_solve(basis, self.bounds.mean(), self.modes).discretisation_error
+        estimated = reduced_solve(basis, self.bounds.mean(), self.modes).discretisation_error
+        self._error = np.hypot(estimated, _COMMON_ERROR * np.median(estimated))
 
     def at(self, parameters: np.ndarray) -> Lines:
         """Return the lines at a Poisson's ratio, ``parameters`` (1,)."""
