@@ -26,6 +26,8 @@ _ABOVE_NOISE, _SEGMENTS = 2.5, 24
 _MARGIN = 0.15
 #: Peaks so many dB below the loudest one are left out: what a filter lets through of loud modes lies 70 dB below.
 _RANGE_DB = 50.0
+#: A peak so many times louder, within this distance in log frequency, masks a peak.
+_MASKED_BY, _MASKED_WITHIN = 10.0, 0.025
 #: Peaks whose damping ratio is above this are no modes: noise, a thud, the end of a filter.
 _MAX_DAMPING_RATIO = 0.12
 #: Standard errors of a peak's frequency and decay rate above which it says nothing, relative to frequency and rate.
@@ -70,7 +72,14 @@ def find(signal: np.ndarray, rate_hz: float) -> Peaks:
         edge = low if low > LOWEST_HZ else 0.0
     found = np.array(sorted(rows)).reshape(-1, 5)
     peaks = Peaks(*found.T, highest_hz=highest)
-    return peaks.chosen(peaks.amplitude > 10 ** (-_RANGE_DB / 20) * peaks.amplitude.max(initial=0.0))
+    peaks = peaks.chosen(peaks.amplitude > 10 ** (-_RANGE_DB / 20) * peaks.amplitude.max(initial=0.0))
+    return peaks.chosen(~_masked(peaks))
+
+
+def _masked(peaks: Peaks) -> np.ndarray:
+    """Return which peaks (n,) may be echoes of a far louder one nearby, because a room blurs it over its neighbours."""
+    near = np.abs(np.subtract.outer(np.log(peaks.frequency_hz), np.log(peaks.frequency_hz))) < _MASKED_WITHIN
+    return (near & (peaks.amplitude > _MASKED_BY * peaks.amplitude[:, None])).any(axis=1)
 
 
 def listed(frequency_hz: np.ndarray, decay_per_s: np.ndarray) -> Peaks:

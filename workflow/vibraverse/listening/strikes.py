@@ -23,6 +23,8 @@ _FRAME_S, _BANDS = 0.006, 20
 #: A hit raises this part of the bands by so many dB above the frames just before, and is at most so many dB below the
 #: loudest frame.
 _RISING_PART, _RISE_DB, _FRAMES_BEFORE, _BELOW_LOUDEST_DB = 0.4, 6.0, 3, 30.0
+#: Power of the first frame, as a share of the loudest one's, above which a recording begins with a hit.
+_CUT_AT_HIT = 0.1
 #: Frames after a hit in which no other is looked for.
 _DEAD_FRAMES = 4
 #: Longest part of a hit that is used, what is left out before the next hit and before the end, which is often faded
@@ -68,8 +70,8 @@ def strike(recording: np.ndarray, rate_hz: int) -> Strike:
         raise UsageError(f"the recording is silent, its loudest sample is {level}; record louder")
     if clipped := _clipped(samples):
         raise UsageError(
-            f"the recording is clipped: {clipped} samples lie at its peak, so it holds frequencies that the body has "
-            "not; strike more softly, or record at a lower level"
+            f"the recording is clipped: {clipped} samples lie at its peak, which adds frequencies that the body does "
+            "not have; strike more softly, or record at a lower level"
         )
     hits = _hits(samples, rate_hz)
     ends = [
@@ -118,10 +120,12 @@ def _hits(samples: np.ndarray, rate_hz: int) -> list[int]:
     """Return the samples at which hits begin, at least one."""
     level = _levels(samples, rate_hz)
     length = round(_FRAME_S * rate_hz)
-    before = np.pad(level, ((_FRAMES_BEFORE, 0), (0, 0)), constant_values=level.min())
+    power = np.square(_frames(samples, length)).mean(axis=1)
+    # A recording that begins loud was cut at the hit; one that begins softly begins with the noise of the room.
+    first = level[0] - 2 * _RISE_DB if power[0] > _CUT_AT_HIT * power.max() else level[0]
+    before = np.concatenate([np.tile(first, (_FRAMES_BEFORE, 1)), level])
     highest = np.max([before[k : k + len(level)] for k in range(_FRAMES_BEFORE)], axis=0)
     rising = ((level - highest) > _RISE_DB).mean(axis=1) >= _RISING_PART
-    power = np.array([np.square(part).mean() for part in _frames(samples, length)])
     # A hit may begin late in a frame, so the next one counts too.
     loud = np.maximum(power, np.append(power[1:], 0.0)) > power.max() * 10 ** (-_BELOW_LOUDEST_DB / 10)
     frames: list[int] = []
