@@ -23,19 +23,29 @@ from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.stage import Job, run
 from vibraverse.contract.step import BODY
+from vibraverse.contract.texts import unknown
 from vibraverse.files import formats
 from vibraverse.flow.paths import Paths
 from vibraverse.flow.steps import BY_NAME
+from vibraverse.physics.materials import MATERIALS
 from vibraverse.upkeep.lineage import Made, needed
 
 #: Configuration keys and the options that set them, for messages about mistakes.
 FLAGS = {"size_m": "--size", "modes": "--modes", "order": "--order", "target_elements": "--elements"}
 
+DEFAULT_MATERIAL = "ceramic"
+#: The numbers of a material in their order; the first three suffice.
+_MATERIAL_NUMBERS = ("young_pa", "density_kg_m3", "poisson", "alpha_per_s", "beta_s")
 
-def mesh_arguments() -> argparse.ArgumentParser:
-    """Return the arguments that name a mesh and its simulation, as a parent of the commands' parsers."""
+
+def mesh_arguments(name: str = "mesh") -> argparse.ArgumentParser:
+    """Return the arguments that name a mesh and its simulation, as a parent of the commands' parsers.
+
+    ``name`` is that of the mesh's own argument: ``mesh``, or ``--mesh`` where another file comes first.
+    """
     p = argparse.ArgumentParser(add_help=False)
-    p.add_argument("mesh", type=Path, metavar="MESH", help=formats.names(last=" or "))
+    required = {"required": True} if name.startswith("-") else {}
+    p.add_argument(name, type=Path, metavar="MESH", help=formats.names(last=" or "), **required)
     p.add_argument(
         "--size",
         type=float,
@@ -199,6 +209,28 @@ def as_flags(error: ConfigError, flags: Mapping[str, str]) -> str:
         return f"{flags.get(key.rstrip(':'), key)} {rest}"
 
     return str(ConfigError(*map(as_flag, error.mistakes), subject="the command"))
+
+
+def read_material(text: str, named: Mapping[str, Mapping[str, float]]) -> Material:
+    """Return a material by its name, or by its numbers."""
+    if "," not in text:
+        if text not in named:
+            raise UsageError(unknown("material", text, named))
+        return validate(Material, dict(named[text]))
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (3, len(_MATERIAL_NUMBERS)):
+        raise UsageError(
+            f"--material takes a name, or Young's modulus in Pa, density in kg/m³ and Poisson's ratio such as "
+            f"7.2e10,2700,0.19, and then alpha and beta if they are known, not {text!r}"
+        )
+    damped = {name: MATERIALS[DEFAULT_MATERIAL][name] for name in _MATERIAL_NUMBERS[3:]}
+    try:
+        return validate(Material, damped | dict(zip(_MATERIAL_NUMBERS, numbers, strict=False)))
+    except ConfigError as error:
+        raise UsageError(f"--material {text}: {error}") from None
 
 
 def surface_warnings(clean: dict) -> list[str]:
