@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import io
+import json
 import re
+import zipfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 import supported_3mf  # noqa: F401
 import supported_gltf  # noqa: F401
 import supported_texts  # noqa: F401
 from supported import MAKERS, volume
 from supported_3mf import NOTCHED
+from test_fuzz_files import QUICK, check, damaged, damaged_json
 from vibraverse.contract.errors import Refused
 from vibraverse.files.meshes import read_mesh
 from vibraverse.files.opening import as_one_file
@@ -104,3 +110,32 @@ def test_cases_of_bug_reports_are_refused_with_fitting_advice(shared_cases, tmp_
 
     with pytest.raises(Refused, match=re.escape(said)):
         through_the_workflow()
+
+
+@pytest.fixture(scope="module")
+def features() -> list[tuple[str, bytes]]:
+    """The format and the content of every file of the table."""
+    return [(name.partition(".")[2], content) for maker in MAKERS.values() for name, content, *_ in maker()]
+
+
+@QUICK
+@given(chance=st.randoms(use_true_random=False))
+def test_damaged_files_of_every_feature(features, chance):
+    format, data = chance.choice(features)
+    if format == "gltf" and data[:1] == b"{" and chance.random() < 0.8:
+        check(json.dumps(damaged_json(json.loads(data), chance)).encode(), format)
+    elif format == "3mf":
+        check(_damaged_package(data, chance), format)
+    else:
+        check(damaged(data, chance), format)
+
+
+def _damaged_package(data: bytes, chance) -> bytes:
+    """Return a package with one thing done to one of its parts."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(data)) as old, zipfile.ZipFile(buffer, "w") as new:
+        hit = chance.choice(old.namelist())
+        for name in old.namelist():
+            content = old.read(name)
+            new.writestr(name, damaged(content, chance) if name == hit else content)
+    return buffer.getvalue()
