@@ -28,6 +28,7 @@ from vibraverse.files import formats
 from vibraverse.flow.paths import Paths
 from vibraverse.flow.steps import BY_NAME
 from vibraverse.physics.materials import MATERIALS
+from vibraverse.physics.plausible import SIZE_M
 from vibraverse.upkeep.lineage import Made, needed
 
 #: Configuration keys and the options that set them, for messages about mistakes.
@@ -36,6 +37,8 @@ FLAGS = {"size_m": "--size", "modes": "--modes", "order": "--order", "target_ele
 DEFAULT_MATERIAL = "ceramic"
 #: The numbers of a material in their order; the first three suffice.
 _MATERIAL_NUMBERS = ("young_pa", "density_kg_m3", "poisson", "alpha_per_s", "beta_s")
+#: Lowest frequency that people hear as a tone.
+AUDIBLE_HZ = 20.0
 
 
 def mesh_arguments(name: str = "mesh") -> argparse.ArgumentParser:
@@ -241,11 +244,28 @@ def surface_warnings(clean: dict) -> list[str]:
 
 
 def size_warnings(clean: dict, options: MaterialModes) -> list[str]:
-    """Return the warning that the size of a cleaned surface is a guess, if it is."""
+    """Return the warning that the size of a cleaned surface is a guess, or is one that nobody may state, if it is."""
     size_m, origin = options.object_size(clean)
-    if origin != "default":
+    if origin == "default":
+        return [f"size: the file states no unit; its longest side is taken as {size_m:g} m; give --size"]
+    low, high = SIZE_M
+    if origin == "file" and not low <= size_m <= high:
+        return [
+            f"size: the longest side is {size_m:g} m in the file's own unit (from {low:g} to {high:g} m is plausible); "
+            "give --size if the file was made in another unit"
+        ]
+    return []
+
+
+def infrasound_warnings(frequencies_hz: list[float]) -> list[str]:
+    """Return the warning that modes of a body are too low to be heard, if some are."""
+    low = sum(frequency < AUDIBLE_HZ for frequency in frequencies_hz)
+    if not low:
         return []
-    return [f"size: the file states no unit; its longest side is taken as {size_m:g} m; give --size"]
+    return [
+        f"audio: {low} of {len(frequencies_hz)} modes are below {AUDIBLE_HZ:g} Hz and cannot be heard; "
+        "a smaller --size raises them"
+    ]
 
 
 def sound_warnings(rendered: Mapping, modes: int, less_damping: str) -> list[str]:

@@ -16,6 +16,7 @@ from vibraverse.commands.one_mesh import (
     OneMesh,
     as_flags,
     check_writable,
+    infrasound_warnings,
     mesh_arguments,
     size_warnings,
     sound_warnings,
@@ -181,6 +182,7 @@ class _Strike:
                 f"modes: the estimated frequency error by the basis reaches {error.max():.1e} (at most {tolerance:.0e})"
             )
         warnings += sound_warnings(rendered, len(frequencies), "lower --alpha or --beta")
+        warnings += infrasound_warnings(frequencies.tolist())
         warnings += size_warnings(clean, self.mesh.options["modes"])
         return {
             "mesh": self.mesh.path.name,

@@ -36,7 +36,7 @@ STEPS = (
     ),
     Step(
         name="clean",
-        version=2,
+        version=3,  # 3: parts that enclose nothing are left out, and the record says more
         help="make a closed, oriented, manifold surface in [-1, 1]³",
         per=OBJECT,
         family="geometry",
