@@ -112,5 +112,22 @@ def _solidity(task):
         yield name, answers
 
 
+def _reconstruction(task):
+    """Yield the voxels of task ``reconstruction``, as they are and smoothed."""
+    from vibraverse.learn.baselines.voxels import VOXELS
+
+    for name, field_of in VOXELS.items():
+
+        def answers(side: str, field_of=field_of) -> dict[str, np.ndarray]:
+            bodies = task.sides[side]
+            found = [
+                task.measured(field_of(task.samples.row("voxels", body)), body, poisson)
+                for body, poisson in zip(bodies, task.poisson(bodies), strict=True)
+            ]
+            return {measure: np.array([one[measure] for one in found]) for measure in found[0]}
+
+        yield name, answers
+
+
 #: Task -> function that yields name and answers of each baseline; a task may have none.
-_BASELINES = {"frequencies": _frequencies, "solidity": _solidity}
+_BASELINES = {"frequencies": _frequencies, "solidity": _solidity, "reconstruction": _reconstruction}
