@@ -16,9 +16,11 @@ import numpy as np
 from vibraverse.config.learn import Features
 from vibraverse.contract import products
 from vibraverse.contract.seeds import rng
-from vibraverse.learn.features import sample_surface, shape_arrays, write_meshes
+from vibraverse.geometry.grids import cell_centres
+from vibraverse.learn.features import shape_arrays, voxel_arrays, write_meshes
 from vibraverse.learn.inside import describe
 from vibraverse.learn.invariants import invariants
+from vibraverse.learn.sampling import distance_samples, sample_surface
 from vibraverse.learn.scaling import unit_hz
 
 MATERIALS = {
@@ -26,7 +28,10 @@ MATERIALS = {
     "wood": {"density_kg_m3": 750.0, "young_pa": 1.1e10, "poisson": 0.25},
 }
 MODES = 24
-OPTIONS = Features(points=512, poisson_nodes=5, ritz_degrees=[2, 3], ritz_unknowns=[300], view_px=32)
+OPTIONS = Features(
+    points=512, poisson_nodes=5, ritz_degrees=[2, 3], ritz_unknowns=[300], view_px=32, voxel_points=1024, farthest=64,
+    distance_samples=1024,
+)  # fmt: skip
 
 
 def sides_of(object_: str) -> np.ndarray:
@@ -45,6 +50,13 @@ def box_of(object_: str, solidity: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices and faces of an object's box, the same for both bodies."""
     mesh = mesh_of(object_)
     return mesh.vertices, mesh.faces
+
+
+def voxels_of(object_: str) -> np.ndarray:
+    """Return which cells (16, 16, 16) have their centre in an object's box."""
+    half = sides_of(object_) / 2
+    inside = np.abs(cell_centres(16)[:, None]) < half
+    return (inside[:, None, None, 0] & inside[None, :, None, 1] & inside[None, None, :, 2]).astype(np.uint8)
 
 
 def tetrahedra_of(sides: np.ndarray, cells=(3, 2, 2)) -> tuple[np.ndarray, np.ndarray]:
@@ -112,8 +124,10 @@ def write(
             }
         else:
             shape = shape_arrays(vertices, faces, object_, solidity, modes, options)
+        around = distance_samples(vertices, faces, options.distance_samples, rng(object_, solidity))
         for name, value in {
             **shape,
+            **dict(zip(("distance_places", "distances"), around, strict=True)),
             "log_omega": values.astype(np.float32),
             "frequencies_hz": np.exp(at) * unit_hz(volume_of(object_), *map(np.array, stiff))[:, None],
             "volume_m3": volume_of(object_),
@@ -126,8 +140,10 @@ def write(
     pictures = [
         rng(one, "view").integers(0, 256, (3, options.view_px, options.view_px, 3)) for one in objects
     ]
+    coarse = [voxel_arrays(voxels_of(one), one, options) for one in objects]
     arrays = {name: np.array(values) for name, values in rows.items()} | {
-        "views": np.array(pictures, np.uint8)
+        "views": np.array(pictures, np.uint8),
+        **{name: np.array([one[name] for one in coarse]) for name in coarse[0]},
     }
     write_meshes(folder, meshes)
     for name, array in arrays.items():
@@ -144,6 +160,7 @@ def write(
         "poisson": poisson.tolist(),
         "ritz_degrees": options.ritz_degrees,
         "ritz_unknowns": options.ritz_unknowns,
+        "voxel_points": options.voxel_points,
     }
     products.write_text(folder / "features.json", json.dumps(record))
     return folder

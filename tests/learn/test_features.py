@@ -18,8 +18,8 @@ from vibraverse.dataset.schema import SPLIT_COLUMNS
 from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.learn.baselines.polynomials import polynomial_ritz
 from vibraverse.learn.baselines.splines import spline_ritz
-from vibraverse.learn.features import sample_surface
 from vibraverse.learn.samples import Samples, at
+from vibraverse.learn.sampling import sample_surface
 from vibraverse.learn.scaling import scaled, scaled_material, unit_hz, unscaled
 from vibraverse.learn.sides import TooFew, sides
 

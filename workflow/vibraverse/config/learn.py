@@ -15,6 +15,7 @@ MODELS = {
     "frequencies": ("published", "physics", "ritz", "subspace"),
     "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
     "reconstruction": ("published", "truncated", "shuffled", "material", "silent"),
+    "cavity": ("sound", "outside"),
 }
 #: How the objects of a run are divided into those that are trained on and those that are not.
 OBJECT, SHUFFLED, FAMILY = "object", "shuffled", "family"
@@ -236,7 +237,7 @@ class Learn(Section):
     """Arrays that training reads."""
 
     tasks: list[str] = Field(default_factory=lambda: list(MODELS), min_length=1)
-    """Tasks to train: ``frequencies``, ``solidity``, ``reconstruction``."""
+    """Tasks to train: ``frequencies``, ``solidity``, ``reconstruction``, ``cavity``."""
 
     frequencies: LearningTask = LearningTask()
     """Predict the frequencies of a body from its shape and material."""
@@ -246,6 +247,9 @@ class Learn(Section):
 
     reconstruction: LearningTask = LearningTask()
     """Reconstruct the shape of a body from coarse voxels, its sound and its material."""
+
+    cavity: LearningTask = LearningTask()
+    """Tell how thick the wall around the cavity of a hollow body is."""
 
     @model_validator(mode="after")
     def _settings_are_known(self):
@@ -315,7 +319,9 @@ class Learn(Section):
 def _check_shape_network(network: Network, features: Features) -> None:
     """Raise :class:`ValueError` for a network of task ``reconstruction`` that cannot be built, or lacks features."""
     if network.width % 64:
-        raise ValueError(f"reconstruction.network.width is {network.width}; make it a multiple of 64, one per head")
+        raise ValueError(
+            f"reconstruction.network.width is {network.width}; make it a multiple of 64, one per head"
+        )
     for key, asked, bound, most in (
         ("latents", network.latents, "reconstruction.network.voxel_points", network.voxel_points),
         ("latents", network.latents, "learn.features.farthest", features.farthest),
@@ -324,8 +330,8 @@ def _check_shape_network(network: Network, features: Features) -> None:
     ):
         if asked > most:
             raise ValueError(
-                f"reconstruction.network.{key}: the network asks for {asked}, and {bound} is {most}; lower the first, or "
-                "raise the second"
+                f"reconstruction.network.{key}: the network asks for {asked}, and {bound} is {most}; lower the first, "
+                "or raise the second"
             )
     if features.farthest > features.voxel_points:
         raise ValueError(

@@ -73,8 +73,15 @@ LEARNING_STEPS = (
         record="record",
         options="learn:RunOptions",
         libraries=(
-            "numpy", "scipy", "scikit-fem", "scikit-image", "numba", "torch", "torchvision", "ocnn"
-        ),  # fmt: skip
+            "numpy",
+            "scipy",
+            "scikit-fem",
+            "scikit-image",
+            "numba",
+            "torch",
+            "torchvision",
+            "ocnn",
+        ),
         passes_refusals=False,
     ),
     Step(

@@ -22,6 +22,8 @@ from vibraverse.sources.families import GROUPS
 
 #: Bounds of the thickness t by which bodies are looked at.
 THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
+#: Error of t within which a wall's thickness counts as found.
+WALL = 0.05
 #: Measures of reconstructions, and how those of bodies are joined.
 RECONSTRUCTION: dict[str, Callable] = {
     "iou": np.mean,
@@ -122,9 +124,25 @@ def judge_reconstruction(
             known = mask & np.isfinite(values[name])  # there is no Chamfer distance without a surface
             if known.any():
                 found, objects = values[name][known], samples.object[bodies[known]]
-                low, high = bootstrap(found, objects, statistic)
+                interval = {}
+                if source in ("all", "solid", "hollow"):
+                    interval = dict(zip(("low", "high"), bootstrap(found, objects, statistic), strict=True))
                 about = {"source": source, "measure": name, "count": int(known.sum())}
-                rows.append({**about, "value": float(statistic(found)), "low": low, "high": high})
+                rows.append({**about, "value": float(statistic(found)), **interval})
+    return rows
+
+
+def judge_thickness(samples: Samples, bodies: np.ndarray, found: np.ndarray) -> list[dict]:
+    """Return the rows of thicknesses t (n,) that were found for hollow bodies (n,)."""
+    error = np.abs(found - samples.rows("thickness", bodies))
+    rows = []
+    for source, mask in _sources(samples, bodies).items():
+        low, high = bootstrap(error[mask], samples.object[bodies[mask]], np.mean)
+        about = {"source": source, "count": int(mask.sum())}
+        rows += [
+            {**about, "measure": "t_error", "value": float(error[mask].mean()), "low": low, "high": high},
+            {**about, "measure": f"t_within_{WALL:g}", "value": float((error[mask] <= WALL).mean())},
+        ]
     return rows
 
 

@@ -58,9 +58,7 @@ def distance_samples(
     are those of the first two, negative inside.
     """
     even = (2 * random.integers(_CELLS, size=(count, 3)) + 1) / _CELLS - 1.0
-    near, on = (
-        sample_surface(vertices, faces, count, random)[:, :3].astype(np.float64) for _ in range(2)
-    )
+    near, on = (sample_surface(vertices, faces, count, random)[:, :3].astype(np.float64) for _ in range(2))
     near += random.normal(size=near.shape) * np.resize(_NEAR, count)[:, None]
     highest = round(1 / UNIT) - 1
     places = np.clip(np.rint(np.stack([even, near, on]) / UNIT), -highest, highest).astype(np.int16)

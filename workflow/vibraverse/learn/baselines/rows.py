@@ -11,6 +11,9 @@ from vibraverse.learn.baselines import statistics
 from vibraverse.learn.judging import Judgement, judged
 from vibraverse.learn.sides import TRAIN
 
+#: Epochs of samples that regressions see of a tested side, and of the training side, whose materials change with them.
+_EPOCHS = (1, 4)
+
 
 def baselines(task) -> Iterator[tuple[str, float, Judgement]]:
     """Yield name, seconds and judgement of each baseline of a task."""
@@ -129,5 +132,37 @@ def _reconstruction(task):
         yield name, answers
 
 
+def _cavity(task):
+    """Yield simple regressions of the thickness in task ``cavity``, from what its models get."""
+    from sklearn.dummy import DummyRegressor
+    from sklearn.ensemble import ExtraTreesRegressor
+    from sklearn.linear_model import RidgeCV
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    def seen(side: str) -> tuple[np.ndarray, np.ndarray]:
+        data = task.dataset(side)
+        items = [data[epoch, index] for epoch in range(_EPOCHS[side == TRAIN]) for index in range(len(data))]
+        return np.array([item["known"] for item in items]), np.array([item["t"] for item in items])
+
+    models = {
+        "training mean": DummyRegressor(),
+        "ridge regression": make_pipeline(StandardScaler(), RidgeCV(np.logspace(-3, 3, 13))),
+        "extra trees": ExtraTreesRegressor(n_estimators=300, random_state=task.options.seed, n_jobs=1),
+    }
+    for name, model in models.items():
+
+        def answers(side: str, model=model) -> dict[str, np.ndarray]:
+            model.fit(*seen(TRAIN))
+            return {"t": model.predict(seen(side)[0])}
+
+        yield name, answers
+
+
 #: Task -> function that yields name and answers of each baseline; a task may have none.
-_BASELINES = {"frequencies": _frequencies, "solidity": _solidity, "reconstruction": _reconstruction}
+_BASELINES = {
+    "frequencies": _frequencies,
+    "solidity": _solidity,
+    "reconstruction": _reconstruction,
+    "cavity": _cavity,
+}

@@ -115,7 +115,7 @@ def spline_ritz(
 def spline_space(vertices: np.ndarray, faces: np.ndarray, unknowns: int) -> SplineSpace:
     """Return the splines of the solid in a closed surface (V, 3), (F, 3), about ``unknowns`` of them.
 
-    Cells are made smaller until more splines would reach into the solid. Raises :class:`ValueError` for a solid too thin.
+    Cells are made smaller until more splines would reach into the solid. Raises :class:`ValueError` for one too thin.
     """
     axes, low, high = principal_box(vertices, faces)
     longest_first = np.argsort(low - high)

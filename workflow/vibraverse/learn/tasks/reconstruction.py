@@ -18,8 +18,8 @@ from torch import nn
 from vibraverse.learn.judging import judge_reconstruction
 from vibraverse.learn.networks.shape_vae import ShapeVae
 from vibraverse.learn.reconstructions import Truth, measured
-from vibraverse.learn.sampling import EVEN, NEAR, UNIT, voxel_cloud
 from vibraverse.learn.samples import Samples
+from vibraverse.learn.sampling import EVEN, NEAR, UNIT, voxel_cloud
 from vibraverse.learn.sides import TRAIN
 from vibraverse.learn.tasks.bodies import Bodies, BodyTask, Drawn
 
@@ -73,14 +73,13 @@ class Solids(Drawn):
         """Return the arrays of one body."""
         samples, body = self.items.samples, item["body"]
         number, values = self.items.of_material(item, random)
-        heard = self._heard(item, random)
-        found = {
+        return {
             **values,
             "cloud": self._cloud(body, random),
-            "heard": dimensionless(samples, heard, number),
+            **({} if self.whole else self._places(body, random)),
+            "heard": dimensionless(samples, self._heard(item, random), number),
             "poisson": np.float64(self.items.parameters[number, 2]),
         }
-        return found if self.whole else {**found, **self._places(body, random)}
 
     def _heard(self, item: dict, random: np.random.Generator | None) -> int:
         """Return the body that is heard: the item's own, or for ``shuffled`` one of another object on the side."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from vibraverse.learn.judging import WALL
 from vibraverse.learn.metrics import NEAR, WITHIN
 from vibraverse.learn.sides import HELD_OUT, TEST
 from vibraverse.report import quantities
@@ -66,6 +67,10 @@ MEASURES = {
         Measure("failed", "no solid", "of bodies, %", True, percent=True),
         Measure("empty", "empty", "of bodies, %", True, percent=True),
         Measure("seconds", "time", "s per body", True),
+    ),
+    "cavity": (
+        Measure("t_error", "error of t, mean", "", True),
+        Measure(f"t_within_{WALL:g}", f"within {WALL:g}", "of bodies, %", False, percent=True),
     ),
 }
 
