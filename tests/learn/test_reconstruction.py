@@ -124,10 +124,17 @@ def twins(task, object_: str) -> np.ndarray:
 
 def test_an_object_is_overfitted_and_its_cavity_is_heard(data, tmp_path):
     """Both bodies to an IoU above 0.95 from the same voxels: a network that cannot repeat them is built wrong."""
-    size = {"cells": 32, "distances": 512}
+    size = {
+        "cells": 32,
+        "distances": 512,
+        "latents": 16,
+        "voxel_points": 64,
+        "encoder_blocks": 0,
+        "decoder_blocks": 2,
+    }
     task = task_at(
         *data,
-        options("truncated", steps=400, batch_size=2, learning_rate=2e-3, warmup_steps=20, network=size),
+        options("truncated", steps=900, batch_size=2, learning_rate=4e-3, warmup_steps=30, network=size),
     )
     task.sides = dict.fromkeys(task.sides, twins(task, "bar-0000"))
     found = asked(task, learned(task, tmp_path))

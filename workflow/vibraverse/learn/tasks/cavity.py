@@ -7,7 +7,6 @@ it. ``sound`` hears the dimensionless frequencies and knows the outside and Pois
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import lru_cache
 
 import numpy as np
 import torch
@@ -64,7 +63,7 @@ class Cavity(BodyTask):
                 "no object on the training side has a hollow body; write `solidities: [solid, hollow]` in the "
                 "configuration, or leave the task out of learn.tasks"
             )
-        self._outside = lru_cache(maxsize=100_000)(self._invariants_of_voxels)
+        self._outsides: dict[str, np.ndarray] = {}
 
     @property
     def kind(self) -> str:
@@ -78,9 +77,12 @@ class Cavity(BodyTask):
             parts.append(dimensionless(self.samples, body, material))
         return np.concatenate(parts).astype(np.float32)
 
-    def _invariants_of_voxels(self, body: int) -> np.ndarray:
+    def _outside(self, body: int) -> np.ndarray:
         """Return the logarithms of the invariants (5,) of the coarse voxels; those of the surface know the cavity."""
-        return np.log(invariants(*coarse_mesh(self.samples.row("voxels", body))))
+        name = str(self.samples.object[body])
+        if name not in self._outsides:
+            self._outsides[name] = np.log(invariants(*coarse_mesh(self.samples.row("voxels", body))))
+        return self._outsides[name]
 
     def model(self) -> nn.Module:
         """Return the model of the options, untrained."""

@@ -83,9 +83,11 @@ class Solids(Drawn):
 
     def _heard(self, item: dict, random: np.random.Generator | None) -> int:
         """Return the body that is heard: the item's own, or for ``shuffled`` one of another object on the side."""
+        if self.model != "shuffled":
+            return item["body"]
         bodies, names = self.items.bodies, self.items.samples.object
         others = bodies[names[bodies] != names[item["body"]]]
-        if self.model != "shuffled" or not len(others):
+        if not len(others):
             return item["body"]
         if random is not None:
             return int(random.choice(others))
