@@ -16,7 +16,7 @@ import numpy as np
 from vibraverse.config.learn import Features
 from vibraverse.contract import products
 from vibraverse.contract.seeds import rng
-from vibraverse.geometry.grids import cell_centres
+from vibraverse.geometry.voxels import cell_centres
 from vibraverse.learn.features import shape_arrays, voxel_arrays, write_meshes
 from vibraverse.learn.inside import describe
 from vibraverse.learn.invariants import invariants

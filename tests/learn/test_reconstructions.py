@@ -12,7 +12,7 @@ pytest.importorskip(
 
 from vibraverse.contract.seeds import rng
 from vibraverse.geometry import surfaces
-from vibraverse.geometry.grids import cell_centres
+from vibraverse.geometry.voxels import cell_centres
 from vibraverse.learn.baselines.voxels import coarse, smoothed
 from vibraverse.learn.reconstructions import (
     Truth,

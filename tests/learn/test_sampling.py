@@ -7,7 +7,7 @@ import trimesh
 from make_features import OPTIONS, box_of, sides_of, voxels_of
 
 from vibraverse.contract.seeds import rng
-from vibraverse.geometry.grids import cell_centres
+from vibraverse.geometry.voxels import cell_centres
 from vibraverse.learn.features import voxel_arrays
 from vibraverse.learn.sampling import (
     EVEN,

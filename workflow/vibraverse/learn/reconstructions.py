@@ -16,7 +16,7 @@ from scipy.spatial import cKDTree
 
 from vibraverse.contract.seeds import rng
 from vibraverse.geometry import LONGEST_SIDE, Mesh, surfaces
-from vibraverse.geometry.grids import cell_centres
+from vibraverse.geometry.voxels import cell_centres
 from vibraverse.learn import metrics
 from vibraverse.learn.baselines.splines import spline_modes, spline_space
 from vibraverse.learn.sampling import EVEN, NEAR, ON, UNIT, sample_surface

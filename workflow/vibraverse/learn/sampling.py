@@ -6,7 +6,7 @@ import numpy as np
 
 from vibraverse.contract.seeds import rng
 from vibraverse.geometry import surfaces
-from vibraverse.geometry.grids import coarse_mesh
+from vibraverse.geometry.voxels import coarse_mesh
 
 #: Kinds of places in space, in their order: evenly distributed, near the surface, on it.
 EVEN, NEAR, ON = range(3)

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, zoom
 
 from vibraverse.geometry.distance.closest import ClosestPoint
-from vibraverse.geometry.grids import coarse_mesh
+from vibraverse.geometry.voxels import coarse_mesh
 from vibraverse.learn.reconstructions import Field, extracted
 from vibraverse.learn.sampling import signed_distance
 

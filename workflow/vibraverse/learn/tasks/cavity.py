@@ -13,7 +13,7 @@ import torch
 from torch import nn
 
 from vibraverse.contract.errors import UsageError
-from vibraverse.geometry.grids import coarse_mesh
+from vibraverse.geometry.voxels import coarse_mesh
 from vibraverse.learn.invariants import invariants
 from vibraverse.learn.judging import judge_thickness
 from vibraverse.learn.networks.dense import dense
