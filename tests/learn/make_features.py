@@ -96,10 +96,12 @@ def write(
     surface: Callable[[str, str], tuple[np.ndarray, np.ndarray]] = box_of,
     modes: int = MODES,
     invented_ritz: bool = False,
+    reconstruction: bool = True,
 ) -> Path:
     """Write the features of one shard into a folder; ``surface`` makes vertices and faces of an object's body.
 
-    Polynomial Ritz frequencies are those of the surface, or made up, which takes no time.
+    Polynomial Ritz frequencies are those of the surface, or made up, which takes no time. Without ``reconstruction``
+    that task's arrays, which take Numba, are left out.
     """
     folder.mkdir(parents=True)
     bodies = [(object_, solidity) for object_ in objects for solidity in solidities]
@@ -124,10 +126,11 @@ def write(
             }
         else:
             shape = shape_arrays(vertices, faces, object_, solidity, modes, options)
-        around = distance_samples(vertices, faces, options.distance_samples, rng(object_, solidity))
+        if reconstruction:
+            around = distance_samples(vertices, faces, options.distance_samples, rng(object_, solidity))
+            shape |= dict(zip(("distance_places", "distances"), around, strict=True))
         for name, value in {
             **shape,
-            **dict(zip(("distance_places", "distances"), around, strict=True)),
             "log_omega": values.astype(np.float32),
             "frequencies_hz": np.exp(at) * unit_hz(volume_of(object_), *map(np.array, stiff))[:, None],
             "volume_m3": volume_of(object_),
@@ -140,11 +143,12 @@ def write(
     pictures = [
         rng(one, "view").integers(0, 256, (3, options.view_px, options.view_px, 3)) for one in objects
     ]
-    coarse = [voxel_arrays(voxels_of(one), one, options) for one in objects]
     arrays = {name: np.array(values) for name, values in rows.items()} | {
-        "views": np.array(pictures, np.uint8),
-        **{name: np.array([one[name] for one in coarse]) for name in coarse[0]},
+        "views": np.array(pictures, np.uint8)
     }
+    if reconstruction:
+        coarse = [voxel_arrays(voxels_of(one), one, options) for one in objects]
+        arrays |= {name: np.array([one[name] for one in coarse]) for name in coarse[0]}
     write_meshes(folder, meshes)
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)
