@@ -78,6 +78,8 @@ class Check:
                     "features": {"points": 512},
                     "frequencies": {"models": ["ritz", "subspace"], "training": {"steps": 3}},
                     "solidity": {"models": ["informed"], "training": {"steps": 3}},
+                    "reconstruction": {"models": ["truncated"], "training": {"steps": 3, "warmup_steps": 0}},
+                    "cavity": {"models": ["sound"], "training": {"steps": 3}},
                 },
             }
         )

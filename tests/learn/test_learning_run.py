@@ -33,6 +33,12 @@ LEARNING = {
             "training": {"steps": 30, "minutes": 30, "batch_size": 4, "checkpoint_minutes": 0},
         },
         "solidity": {"models": ["sound"], "training": {"steps": 10, "batch_size": 4}},
+        "reconstruction": {
+            "models": ["truncated"],
+            "training": {"steps": 4, "batch_size": 2, "warmup_steps": 1},
+            "network": {"width": 64, "latents": 32, "encoder_blocks": 1, "decoder_blocks": 1, "cells": 16},
+        },
+        "cavity": {"models": ["sound"], "training": {"steps": 10, "batch_size": 4}},
     },
 }  # fmt: skip
 TRAINING = {"task": "frequencies", "split": "object", "model": "physics", "seed": "0"}
@@ -96,6 +102,8 @@ def test_the_table_compares_models_with_baselines(learnt):
     assert models >= {
         ("frequencies", "physics"), ("frequencies", "mean spectrum"), ("frequencies", "nearest shapes"),
         ("solidity", "sound"), ("solidity", "logistic regression"),
+        ("reconstruction", "truncated"), ("reconstruction", "smoothed voxels"),
+        ("cavity", "sound"), ("cavity", "ridge regression"),
     }  # fmt: skip
     assert {row["preset"] for row in rows if row["model"] == "physics"} == {"tiny"}
     medians = {
@@ -123,9 +131,11 @@ def test_a_prediction_for_a_file_is_the_answer_about_the_object(learnt, tmp_path
     assert ratio[0, 0] == pytest.approx(1, abs=0.01)
 
 
-def test_the_page_is_of_both_tasks_and_marks_the_toy(learnt):
+def test_the_page_is_of_all_tasks_and_marks_the_toy(learnt):
     text = (learnt.folder / Paths().learn_page).read_text(encoding="utf-8")
-    assert re.findall(r'<section id="(\w+)" class="task">', text) == ["frequencies", "solidity"]
+    assert re.findall(r'<section id="(\w+)" class="task">', text) == [
+        "cavity", "frequencies", "reconstruction", "solidity"
+    ]  # fmt: skip
     assert "Different data" not in text
     assert "toy run" in text
     assert "<audio" in text
@@ -141,6 +151,6 @@ def test_nothing_is_left_to_do_and_a_new_seed_trains_alone(learnt):
     jobs, _ = learnt.plan("learn")
     everything, _ = learnt.plan()  # the report links the page of learning, and must not make it
     learnt.config = before
-    assert jobs == {"train": 2, "evaluate": 2, "results": 1, "learn_page": 1, "learn": 1}
+    assert jobs == {"train": 4, "evaluate": 4, "results": 1, "learn_page": 1, "learn": 1}
     assert everything["report"] == 1
     assert not {step.name for step in LEARNING_STEPS} & set(everything)

@@ -14,6 +14,8 @@ from vibraverse.contract.texts import unknown
 MODELS = {
     "frequencies": ("published", "physics", "ritz", "subspace"),
     "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
+    "reconstruction": ("published", "truncated", "shuffled", "material", "silent"),
+    "cavity": ("sound", "outside"),
 }
 #: How the objects of a run are divided into those that are trained on and those that are not.
 OBJECT, SHUFFLED, FAMILY = "object", "shuffled", "family"
@@ -41,6 +43,15 @@ class Features(Section):
         default_factory=lambda: [1000, 3000], min_length=1
     )
     """Unknowns of the splines whose Ritz frequencies models may start from, ascending."""
+
+    voxel_points: int = Field(32_768, ge=64, le=1_000_000)
+    """Points on the coarse voxels of every object. They are drawn again when they are read, so they take no space."""
+
+    farthest: int = Field(1024, ge=16, le=16_384)
+    """How many of them are chosen, each farthest from those before it."""
+
+    distance_samples: int = Field(16_384, ge=64, le=1_000_000)
+    """Places evenly around a body with their signed distances, as many near its surface, and as many on it."""
 
     look: str = "clay"
     """Look of the pictures; one that shows no material."""
@@ -72,6 +83,24 @@ class Network(Section):
     layers: int = Field(3, ge=1, le=16)
     """Number of the fully connected layers."""
 
+    voxel_points: int = Field(2048, ge=64)
+    """Reconstruction: points on the voxels that the network sees, at most ``features.voxel_points``."""
+
+    latents: int = Field(64, ge=16)
+    """Reconstruction: latent tokens, at most ``features.farthest``. Their width is ``width``, a multiple of 64."""
+
+    encoder_blocks: int = Field(2, ge=0, le=64)
+    """Reconstruction: blocks of self-attention before the bottleneck."""
+
+    decoder_blocks: int = Field(3, ge=0, le=64)
+    """Reconstruction: blocks of self-attention after it."""
+
+    distances: int = Field(1024, ge=2)
+    """Reconstruction: signed distances of a body that a step compares, at most ``features.distance_samples``."""
+
+    cells: int = Field(48, ge=8, le=256)
+    """Reconstruction: cells along an axis of [-1, 1]³ on which a surface is extracted."""
+
 
 #: What a preset sets; keys that the configuration gives win.
 PRESETS: dict[str, dict[str, dict]] = {
@@ -92,6 +121,36 @@ PRESETS: dict[str, dict[str, dict]] = {
         "network": {"points": 4096, "depth": 6, "width": 256, "layers": 3},
     },
 }
+
+
+#: What differs from the preset for a task: the published settings in ``paper``.
+OWN_PRESETS: dict[tuple[str, str], dict[str, dict]] = {
+    ("tiny", "reconstruction"): {
+        "training": {"batch_size": 4, "learning_rate": 1e-3, "schedule": "cosine", "warmup_steps": 5},
+        "network": {"width": 128, "voxel_points": 512, "distances": 512, "cells": 24},
+    },
+    ("cpu", "reconstruction"): {
+        "training": {"minutes": 60.0, "learning_rate": 5e-4, "schedule": "cosine", "warmup_steps": 200},
+        "network": {"width": 128},
+    },
+    ("small", "reconstruction"): {
+        "training": {"batch_size": 32, "learning_rate": 2e-4, "schedule": "cosine", "warmup_steps": 500},
+        "network": {
+            "width": 384, "latents": 256, "encoder_blocks": 4, "decoder_blocks": 6,
+            "voxel_points": 8192, "distances": 4096, "cells": 64,
+        },
+    },
+    ("paper", "reconstruction"): {
+        "training": {
+            "batch_size": 48, "learning_rate": 1e-5, "betas": (0.9, 0.99), "schedule": "constant",
+            "clip_norm": None, "precision": "float32",
+        },
+        "network": {
+            "width": 768, "latents": 1024, "encoder_blocks": 8, "decoder_blocks": 12,
+            "voxel_points": 32_768, "distances": 16_384, "cells": 128,
+        },
+    },
+}  # fmt: skip
 
 
 class LearningTask(Section):
@@ -178,13 +237,19 @@ class Learn(Section):
     """Arrays that training reads."""
 
     tasks: list[str] = Field(default_factory=lambda: list(MODELS), min_length=1)
-    """Tasks to train: ``frequencies``, ``solidity``."""
+    """Tasks to train: ``frequencies``, ``solidity``, ``reconstruction``, ``cavity``."""
 
     frequencies: LearningTask = LearningTask()
     """Predict the frequencies of a body from its shape and material."""
 
     solidity: LearningTask = LearningTask()
     """Tell solid from hollow bodies by sound and picture."""
+
+    reconstruction: LearningTask = LearningTask()
+    """Reconstruct the shape of a body from coarse voxels, its sound and its material."""
+
+    cavity: LearningTask = LearningTask()
+    """Tell how thick the wall around the cavity of a hollow body is."""
 
     @model_validator(mode="after")
     def _settings_are_known(self):
@@ -195,6 +260,8 @@ class Learn(Section):
                     f"{name}.network.points: the network asks for {options.network.points} points of "
                     f"{self.features.points}; lower it, or raise learn.features.points"
                 )
+            if name == "reconstruction":
+                _check_shape_network(options.network, self.features)
             batch = options.training.batch_size
             if self.gpus and batch % self.gpus:
                 raise ValueError(
@@ -226,6 +293,7 @@ class Learn(Section):
     def run(self, task: str, split: str, model: str, seed: int) -> RunOptions:
         """Return the options of one training: those of the preset, then those of the task."""
         own, preset = getattr(self, task), PRESETS[self.preset]
+        special = OWN_PRESETS.get((self.preset, task), {"training": {}, "network": {}})
         return RunOptions(
             task=task,
             split=split,
@@ -235,8 +303,8 @@ class Learn(Section):
             hold_out=self.hold_out,
             leave_out=self.leave_out,
             preset=self.preset,
-            training={**preset["training"], **own.training},
-            network={**preset["network"], **own.network},
+            training={**preset["training"], **special["training"], **own.training},
+            network={**preset["network"], **special["network"], **own.network},
         )
 
     def sides(self, task: str) -> list[str]:
@@ -246,3 +314,26 @@ class Learn(Section):
             for split in getattr(self, task).splits or self.splits
             for name in ([split] if split == OBJECT else [f"{split}-{fold}" for fold in range(self.folds)])
         ]
+
+
+def _check_shape_network(network: Network, features: Features) -> None:
+    """Raise :class:`ValueError` for a network of task ``reconstruction`` that cannot be built, or lacks features."""
+    if network.width % 64:
+        raise ValueError(
+            f"reconstruction.network.width is {network.width}; make it a multiple of 64, one per head"
+        )
+    for key, asked, bound, most in (
+        ("latents", network.latents, "reconstruction.network.voxel_points", network.voxel_points),
+        ("latents", network.latents, "learn.features.farthest", features.farthest),
+        ("voxel_points", network.voxel_points, "learn.features.voxel_points", features.voxel_points),
+        ("distances", network.distances, "learn.features.distance_samples", features.distance_samples),
+    ):
+        if asked > most:
+            raise ValueError(
+                f"reconstruction.network.{key}: the network asks for {asked}, and {bound} is {most}; lower the first, "
+                "or raise the second"
+            )
+    if features.farthest > features.voxel_points:
+        raise ValueError(
+            f"features.farthest: {features.farthest} of {features.voxel_points} voxel_points cannot be chosen; lower it"
+        )

@@ -17,7 +17,7 @@ _SAMPLES = {
 LEARNING_STEPS = (
     Step(
         name="features",
-        version=4,
+        version=5,  # 5: signed distances and coarse voxels
         help="write the arrays of one shard that training reads",
         per=SHARD,
         family="learn",
@@ -32,7 +32,7 @@ LEARNING_STEPS = (
         },
         record="features",
         options="learn:Features",
-        libraries=("numpy", "h5py", "pillow", "scipy"),
+        libraries=("numpy", "h5py", "numba", "pillow", "scipy"),
         passes_refusals=False,
     ),
     Step(
@@ -72,7 +72,16 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "scipy", "scikit-fem", "torch", "torchvision", "ocnn"),
+        libraries=(
+            "numpy",
+            "scipy",
+            "scikit-fem",
+            "scikit-image",
+            "numba",
+            "torch",
+            "torchvision",
+            "ocnn",
+        ),
         passes_refusals=False,
     ),
     Step(
@@ -89,7 +98,7 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "scipy", "scikit-learn"),
+        libraries=("numpy", "scipy", "scikit-image", "scikit-learn", "numba"),
         passes_refusals=False,
     ),
     Step(

@@ -13,6 +13,8 @@ from vibraverse.contract.products import read_json
 
 #: Name of the record in a folder of features.
 RECORD = "features.json"
+#: Arrays with a row per object, which both its bodies share.
+_OF_OBJECTS = ("views", "voxels", "farthest")
 
 
 @dataclass(frozen=True)
@@ -33,7 +35,8 @@ class Samples:
 
     ``object``, ``solidity``, ``origin`` and ``family`` are arrays of texts (n,). ``materials`` maps names to their
     parameters, ``poisson`` (k,) are the ratios at which ``log_omega`` and ``ritz`` are known, ``ritz_degrees`` and
-    ``ritz_unknowns`` the polynomials and splines in ``ritz``, one after the other. :meth:`rows` reads any array of
+    ``ritz_unknowns`` the polynomials and splines in ``ritz``, one after the other. ``voxel_points`` is the number of
+    points among which ``farthest`` were chosen. :meth:`rows` reads any array of
     :data:`vibraverse.learn.features.ARRAYS`.
 
     Raises :class:`ValueError` for features that do not belong together, or hold no body.
@@ -48,7 +51,7 @@ class Samples:
             )
         self.folders, records = list(records), list(records.values())
         for folder, record in zip(self.folders, records, strict=True):
-            for what in ("materials", "poisson", "ritz_degrees", "ritz_unknowns"):
+            for what in ("materials", "poisson", "ritz_degrees", "ritz_unknowns", "voxel_points"):
                 if record[what] != records[0][what]:
                     raise ValueError(
                         f"{folder} holds other {what} than {self.folders[0]}; run the same command again, which makes "
@@ -58,6 +61,7 @@ class Samples:
         self.poisson = np.array(records[0]["poisson"])
         self.ritz_degrees: list[int] = records[0]["ritz_degrees"]
         self.ritz_unknowns: list[int] = records[0]["ritz_unknowns"]
+        self.voxel_points: int = records[0]["voxel_points"]
         names = ("object", "solidity", "origin", "family")
         columns = {name: np.concatenate([one["bodies"][name] for one in records]) for name in names}
         counts = [len(one["bodies"]["object"]) for one in records]
@@ -74,9 +78,9 @@ class Samples:
         return {**self.__dict__, "_maps": {}}  # workers map the files themselves
 
     def row(self, name: str, body: int) -> np.ndarray:
-        """Return a body's row of an array, or that of its object for ``views``."""
+        """Return a body's row of an array, or that of its object."""
         shard, row = self._shard[body], self._row[body]
-        if name == "views":
+        if name in _OF_OBJECTS:
             row = self._map("object_row")[shard][row]
         return self._map(name)[shard][row]
 

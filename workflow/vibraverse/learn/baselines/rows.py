@@ -11,6 +11,9 @@ from vibraverse.learn.baselines import statistics
 from vibraverse.learn.judging import Judgement, judged
 from vibraverse.learn.sides import TRAIN
 
+#: Epochs of samples that regressions see of a tested side, and of the training side, whose materials change with them.
+_EPOCHS = (1, 4)
+
 
 def baselines(task) -> Iterator[tuple[str, float, Judgement]]:
     """Yield name, seconds and judgement of each baseline of a task."""
@@ -112,5 +115,54 @@ def _solidity(task):
         yield name, answers
 
 
+def _reconstruction(task):
+    """Yield the voxels of task ``reconstruction``, as they are and smoothed."""
+    from vibraverse.learn.baselines.voxels import VOXELS
+
+    for name, field_of in VOXELS.items():
+
+        def answers(side: str, field_of=field_of) -> dict[str, np.ndarray]:
+            bodies = task.sides[side]
+            found = [
+                task.measured(field_of(task.samples.row("voxels", body)), body, poisson)
+                for body, poisson in zip(bodies, task.poisson(bodies), strict=True)
+            ]
+            return {measure: np.array([one[measure] for one in found]) for measure in found[0]}
+
+        yield name, answers
+
+
+def _cavity(task):
+    """Yield simple regressions of the thickness in task ``cavity``, from what its models get."""
+    from sklearn.dummy import DummyRegressor
+    from sklearn.ensemble import ExtraTreesRegressor
+    from sklearn.linear_model import RidgeCV
+    from sklearn.pipeline import make_pipeline
+    from sklearn.preprocessing import StandardScaler
+
+    def seen(side: str) -> tuple[np.ndarray, np.ndarray]:
+        data = task.dataset(side)
+        items = [data[epoch, index] for epoch in range(_EPOCHS[side == TRAIN]) for index in range(len(data))]
+        return np.array([item["known"] for item in items]), np.array([item["t"] for item in items])
+
+    models = {
+        "training mean": DummyRegressor(),
+        "ridge regression": make_pipeline(StandardScaler(), RidgeCV(np.logspace(-3, 3, 13))),
+        "extra trees": ExtraTreesRegressor(n_estimators=300, random_state=task.options.seed, n_jobs=1),
+    }
+    for name, model in models.items():
+
+        def answers(side: str, model=model) -> dict[str, np.ndarray]:
+            model.fit(*seen(TRAIN))
+            return {"t": model.predict(seen(side)[0])}
+
+        yield name, answers
+
+
 #: Task -> function that yields name and answers of each baseline; a task may have none.
-_BASELINES = {"frequencies": _frequencies, "solidity": _solidity}
+_BASELINES = {
+    "frequencies": _frequencies,
+    "solidity": _solidity,
+    "reconstruction": _reconstruction,
+    "cavity": _cavity,
+}

@@ -18,6 +18,8 @@ from vibraverse.learn.sides import TooFew, sides
 TASKS = {
     "frequencies": "frequencies:Frequencies",
     "solidity": "solidity:Solidity",
+    "reconstruction": "reconstruction:Reconstruction",
+    "cavity": "cavity:Cavity",
 }
 #: Task and model -> class of a model that wants other samples than the rest of its task.
 OWN = {("frequencies", "subspace"): "subspace:SubspaceTask"}
