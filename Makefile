@@ -11,8 +11,9 @@ unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE
 # Puts the environment's commands first, so that rules and tests find `vibraverse`.
 IN_VENV = PATH="$$(realpath '$(VENV)')/bin:$$PATH"
 
-# Tests run in as many processes as there are processors; those of a file in one.
-PARALLEL = -n logical --maxprocesses 8 --dist loadfile
+# Tests wait for a third of their time (for processes that start, jobs and time limits): one process more than there are
+# processors. A file's tests share what they prepare, so they stay in one process, longest files first.
+PARALLEL = -n $$(($$(nproc) + 1)) --maxprocesses 8 --dist loadfile --no-loadscope-reorder
 
 help:  ## list these commands
 	@sed -n 's/^\([a-z-]*\):.*## /  make \1\t/p' Makefile | expand -t 22

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
+import shutil
 import subprocess
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -31,14 +34,31 @@ def shared_meshes() -> Path:
     return SHARED_MESHES
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Put files that run the workflow in front: they take longest, and no process should end with one."""
+    items.sort(key=lambda item: not hasattr(item.module, "Run"))
+
+
 @pytest.fixture(scope="session")
-def finished(tmp_path_factory, root):
-    """An undisturbed run of the tiny configuration. Tests may read and plan in it, but execute only in copies."""
+def finished(tmp_path_factory, root, worker_id):
+    """An undisturbed run of the tiny configuration. Tests may read and plan in it, but execute only in copies.
+
+    The first process that asks makes it. Each plans in a copy of its own, as planning writes the configuration.
+    """
     from workflow_runs import Run
 
-    run = Run(tmp_path_factory.mktemp("finished"), root)
-    run()
-    return run
+    if worker_id == "master":  # no others
+        run = Run(tmp_path_factory.mktemp("finished"), root)
+        run()
+        return run
+    common = tmp_path_factory.getbasetemp().parent
+    with (common / "finished.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not (common / "finished").exists():
+            folder = Path(tempfile.mkdtemp(dir=common))
+            Run(folder, root)()
+            folder.rename(common / "finished")
+    return Run(shutil.copytree(common / "finished", tmp_path_factory.mktemp("own") / "finished"), root)
 
 
 @pytest.fixture(scope="session")

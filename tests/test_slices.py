@@ -116,7 +116,6 @@ def whole(tmp_path_factory, root):
     return run
 
 
-@pytest.mark.slow
 def test_slices_and_a_join_give_the_bytes_of_one_run(whole, root, tmp_path):
     run = Run(tmp_path, root, TWO)
     early = run("--config", "slice=join", check=False)

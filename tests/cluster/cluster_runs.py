@@ -14,11 +14,12 @@ HERE = Path(__file__).resolve().parent
 HOLLOW = {**TINY, "solidities": ["hollow"]}
 #: From meshes to sounds: the families of geometry and finite elements, without pictures, dataset and report.
 CHAIN = ("--until", "audio")
-#: What a Slurm without accounting on one machine needs. It looks after 8 s, which most jobs take and then every 10.
+#: What a Slurm without accounting on one machine needs. The plugin looks at a job after 3 s and again 13 s later, when
+#: nearly every job has ended; its next delays are 10 s longer each.
 QUICK = (
     *CHAIN,
     "--latency-wait", "20", "--max-status-checks-per-second", "10",
-    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "8",
+    "--slurm-status-command", "squeue", "--slurm-init-seconds-before-status-checks", "3",
 )  # fmt: skip
 
 

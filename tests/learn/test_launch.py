@@ -96,7 +96,6 @@ def working_on(folder: Path) -> list[int]:
     return found
 
 
-@pytest.mark.slow
 def test_two_processes_survive_signals_and_kills_and_give_what_one_gives(data, tmp_path):
     assert main(arguments(data, tmp_path / "one", 1)) == 0
     folder = tmp_path / "two"

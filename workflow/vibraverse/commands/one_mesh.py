@@ -82,12 +82,15 @@ class OneMesh:
         if arguments.hollow is not None and not 0 < arguments.hollow < 1:
             raise UsageError(f"--hollow must lie between 0 and 1, not {arguments.hollow:g}")
         thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
+        # No other material is going to be asked for, and a basis for one Poisson's ratio takes a fraction of the time.
+        ratios = [one.poisson for one in materials.values()]
+        basis = {"order": arguments.order, "modes": modes, "poisson_range": [min(ratios), max(ratios)]}
         try:
             self.options = {
                 "sources": SourceEntry(origin="files"),
                 "hollow": validate(Hollow, thickness),
                 "tets": validate(Tets, {"target_elements": arguments.elements}),
-                "basis": validate(Basis, {"order": arguments.order, "modes": modes}),
+                "basis": validate(Basis, basis),
                 "modes": validate(
                     MaterialModes,
                     {

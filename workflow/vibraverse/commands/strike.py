@@ -1,7 +1,7 @@
 """``vibraverse strike``: hear a mesh, from a file to its impact sound in one command.
 
-Strike runs the workflow's own stages one after the other in a temporary folder. So its numbers equal those of the
-workflow for the same mesh and material.
+Strike runs the workflow's own stages one after the other in a temporary folder, with a basis for its material alone. So
+its numbers are those of the workflow for the same mesh and material.
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ STEPS = (
         },
         record="record",
         options="geometry:Tets",
-        libraries=("gmsh", "meshio", "mmgpy", "numba", "pymeshlab", "vtk"),
+        libraries=("gmsh", "meshio", "mmgpy", "numba", "pymeshlab", "pytetwild", "vtk"),
         imports=("vibraverse.geometry.meshing.tets", "vibraverse.files.tets", "gmsh", "meshio"),
         packed="{solidity}/tets/record",
     ),

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import interp1d
+from scipy.interpolate import make_interp_spline
 
 from vibraverse.contract.seeds import rng
 from vibraverse.files.basis import read_basis
@@ -227,7 +227,7 @@ def ritz_spectra(
     except ValueError as error:
         raise Unusable(f"learn.features.ritz_unknowns: {error}") from None
     found = log_dimensionless(np.stack(values, axis=1), surfaces.volume(vertices, faces))
-    return found if len(solved) == len(poisson) else interp1d(solved, found, axis=0)(poisson)
+    return found if len(solved) == len(poisson) else make_interp_spline(solved, found, k=1)(poisson)
 
 
 def _object(reader: Reader, object_: str, options) -> dict:
