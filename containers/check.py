@@ -111,6 +111,7 @@ class Check:
             per.KNOWN_BODY: [{"body": by_hand.KNOWN}],
             per.TRAINING: self.plan.trainings(),
             per.COMPARISON: [{"task": task, "split": "object"} for task in self.plan.config.learn.tasks],
+            per.PART: [{"split": "object", "part": "0"}],
         }.get(step.per, [{}])
 
     def run(self, step: Step, wildcards: dict[str, str]) -> None:
@@ -154,6 +155,8 @@ class Check:
         if "task" in wildcards:
             make = self.plan.training if "model" in wildcards else self.plan.comparison
             return make(SimpleNamespace(**wildcards))
+        if "part" in wildcards:
+            return self.plan.descent(SimpleNamespace(**wildcards))
         known = {"object_": wildcards.get("object", ""), "shard": wildcards.get("shard", "")}
         return self.plan.options(step.name, **known)
 
