@@ -79,6 +79,7 @@ class Check:
                     "frequencies": {"models": ["ritz", "subspace"], "training": {"steps": 3}},
                     "solidity": {"models": ["informed"], "training": {"steps": 3}},
                     "reconstruction": {"models": ["truncated"], "training": {"steps": 3, "warmup_steps": 0}},
+                    "diffsound": {"bodies": 1, "cells": 8, "iterations": 2},
                     "cavity": {"models": ["sound"], "training": {"steps": 3}},
                 },
             }
