@@ -38,6 +38,7 @@ LEARNING = {
             "training": {"steps": 4, "batch_size": 2, "warmup_steps": 1},
             "network": {"width": 64, "latents": 32, "encoder_blocks": 1, "decoder_blocks": 1, "cells": 16},
         },
+        "diffsound": {"bodies": 1, "cells": 8, "iterations": 2},
         "cavity": {"models": ["sound"], "training": {"steps": 10, "batch_size": 4}},
     },
 }  # fmt: skip
@@ -89,7 +90,7 @@ def test_every_stage_of_learning_has_run(learnt):
     for step in LEARNING_STEPS:
         for output in step.outputs.values():
             pattern = output.path.replace("{shard}", "*")
-            for name in ("task", "split", "model", "seed"):
+            for name in ("task", "split", "model", "seed", "part"):
                 pattern = pattern.replace(f"{{{name}}}", "*")
             found = list((learnt.folder / "results").glob(pattern))
             assert found, f"no {output.path}"

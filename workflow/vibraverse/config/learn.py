@@ -169,6 +169,34 @@ class LearningTask(Section):
     """Splits of this task; none: those of ``learn.splits``."""
 
 
+class DiffSound(Section):
+    """Shapes sought by descent through the physics, a baseline of task ``reconstruction`` that is not trained."""
+
+    bodies: int = Field(0, ge=0)
+    """Tested bodies of each split that are sought, each from two spectra; minutes each. 0: none."""
+
+    parts: int = Field(1, ge=1, le=1000)
+    """Jobs among which they are divided."""
+
+    cells: int = Field(24, ge=4, le=96)
+    """Cells of the lattice along an axis of [-1, 1]³; published are 64."""
+
+    iterations: int = Field(200, ge=1)
+    """Steps of the descent."""
+
+    width: int = Field(64, ge=4)
+    """Width of the network that changes the distance."""
+
+    layers: int = Field(3, ge=1, le=16)
+    """Number of its layers."""
+
+    learning_rate: float = Field(1e-3, gt=0)
+    """Learning rate of the descent."""
+
+    side_weight: float = Field(10.0, ge=0)
+    """Weight of known sides of the voxels' centres against the spectrum."""
+
+
 class RunOptions(Section):
     """One training, which the workflow fills in from the rest of the configuration."""
 
@@ -205,6 +233,16 @@ class RunOptions(Section):
 
     network: Network = Network()
     """Size of the networks."""
+
+
+class DescentOptions(RunOptions):
+    """One part of the bodies that DiffSound seeks, which the workflow fills in."""
+
+    diffsound: DiffSound = DiffSound()
+    """How they are sought."""
+
+    part: int = Field(0, ge=0)
+    """Number of the part."""
 
 
 class Learn(Section):
@@ -247,6 +285,9 @@ class Learn(Section):
 
     reconstruction: LearningTask = LearningTask()
     """Reconstruct the shape of a body from coarse voxels, its sound and its material."""
+
+    diffsound: DiffSound = DiffSound()
+    """A baseline of task ``reconstruction``."""
 
     cavity: LearningTask = LearningTask()
     """Tell how thick the wall around the cavity of a hollow body is."""

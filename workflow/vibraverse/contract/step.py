@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 #: What a stage has one job for: an object, one of its bodies, a shard, the dataset, a body with known frequencies, the
-#: whole validation, a training, a split of a task, or all of learning.
-OBJECT, BODY, SHARD, DATASET, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, LEARNING = (
+#: whole validation, a training, a split of a task, a part of a split, or all of learning.
+OBJECT, BODY, SHARD, DATASET, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, PART, LEARNING = (
     "object",
     "body",
     "shard",
@@ -17,6 +17,7 @@ OBJECT, BODY, SHARD, DATASET, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, LEAR
     "validation",
     "training",
     "comparison",
+    "part",
     "learning",
 )
 #: What its products' paths carry.
@@ -27,6 +28,7 @@ _WILDCARDS = {
     KNOWN_BODY: ("body",),
     TRAINING: ("task", "split", "model", "seed"),
     COMPARISON: ("task", "split"),
+    PART: ("split", "part"),
 }
 
 

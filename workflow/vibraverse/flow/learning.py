@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.contract.step import COMPARISON, LEARNING, SHARD, TRAINING, Input, Output, Step
+from vibraverse.contract.step import COMPARISON, LEARNING, PART, SHARD, TRAINING, Input, Output, Step
 
 #: Folder of one training, below the results.
 _TRAINED = "learn/{task}/{split}/{model}/seed-{seed}"
@@ -85,12 +85,39 @@ LEARNING_STEPS = (
         passes_refusals=False,
     ),
     Step(
+        name="diffsound",
+        version=1,
+        help="seek the shapes of some bodies by descent through the physics",
+        per=PART,
+        family="learn",
+        inputs=_SAMPLES,
+        outputs={
+            "found": Output(
+                "descents",
+                "learn/reconstruction/{split}/diffsound/{part}.npz",
+                "measures of what was found for every body",
+            ),
+            "record": Output(
+                "descents_record",
+                "learn/reconstruction/{split}/diffsound/{part}.json",
+                "bodies, seconds, how it was made (JSON)",
+            ),
+        },
+        record="record",
+        options="learn:DescentOptions",
+        libraries=("numpy", "scipy", "scikit-fem", "scikit-image", "numba", "torch"),
+        passes_refusals=False,
+    ),
+    Step(
         name="baselines",
         version=2,  # 2: the record says that they are baselines
         help="fit the simple predictors of a task, to compare with",
         per=COMPARISON,
         family="learn",
-        inputs=_SAMPLES,
+        inputs={
+            **_SAMPLES,
+            "descents": Input("descents", "what DiffSound found, in parts", many=True, optional=True),
+        },
         outputs={
             "record": Output(
                 "baselines", "learn/{task}/{split}/baselines.json", "measures of all baselines (JSON)"

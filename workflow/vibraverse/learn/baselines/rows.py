@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from copy import copy
 
 import numpy as np
 
@@ -15,12 +16,27 @@ from vibraverse.learn.sides import TRAIN
 _EPOCHS = (1, 4)
 
 
-def baselines(task) -> Iterator[tuple[str, float, Judgement]]:
-    """Yield name, seconds and judgement of each baseline of a task."""
+def baselines(task, descents: Sequence[dict] = ()) -> Iterator[tuple[str, float, Judgement]]:
+    """Yield name, seconds and judgement of each baseline of a task.
+
+    ``descents`` are parts of what DiffSound found, see :mod:`vibraverse.learn.descents`. The voxels are then judged
+    once more, on the same bodies.
+    """
     for name, answers in _BASELINES.get(task.options.task, lambda task: ())(task):
         began = time.perf_counter()
         found = judged(task, answers)
         yield name, time.perf_counter() - began, found
+    if descents:
+        from vibraverse.learn.descents import joined
+
+        few = copy(task)
+        few.sides, answered = joined(task, descents)
+        seconds = answered.pop("search_seconds")
+        for number, target in enumerate(("own target", "true target")):
+            answers = {name: values[:, number] for name, values in answered.items()}
+            yield f"DiffSound, {target}", float(seconds[:, number].sum()), judged(few, lambda _, a=answers: a)
+        for name, answers in _reconstruction(few):
+            yield f"{name}, the bodies of DiffSound", 0.0, judged(few, answers)
 
 
 def _frequencies(task):

@@ -199,6 +199,10 @@ class Reconstruction(BodyTask):
         chosen = Bodies(self.samples, bodies, None)
         return np.array([chosen.parameters[chosen[index]["material"], 2] for index in range(len(bodies))])
 
+    def heard(self, body: int) -> np.ndarray:
+        """Return the logarithms of ω (m,) of a body for E = ρ = 1 in normalised lengths, in its material."""
+        return dimensionless(self.samples, body, Bodies(self.samples, np.array([body]), None)[0]["material"])
+
 
 def dimensionless(samples: Samples, body: int, material: int) -> np.ndarray:
     """Return ``log(2π f L / sqrt(E/ρ))`` (m,) float32, with L the longest side over 1.8.
