@@ -14,6 +14,7 @@ from vibraverse.contract.texts import unknown
 MODELS = {
     "frequencies": ("published", "physics", "ritz", "subspace"),
     "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
+    "retrieval": ("published", "contrast", "sized", "no_material"),
 }
 #: How the objects of a run are divided into those that are trained on and those that are not.
 OBJECT, SHUFFLED, FAMILY = "object", "shuffled", "family"
@@ -90,6 +91,21 @@ PRESETS: dict[str, dict[str, dict]] = {
     "paper": {
         "training": {"steps": 100_000, "minutes": 100_000.0, "batch_size": 16, "workers": 4},
         "network": {"points": 4096, "depth": 6, "width": 256, "layers": 3},
+    },
+}
+
+#: What a preset sets otherwise for a task, or for one of its models.
+OWN_PRESETS: dict[str, dict[str, dict]] = {
+    "retrieval": {
+        "cpu": {"training": {"steps": 1500, "batch_size": 48, "validate_every": 100}},
+        "small": {"training": {"steps": 10_000, "batch_size": 192}},
+        "paper": {"training": {"batch_size": 192}},
+    },
+    # The published batch, and as many samples in all.
+    "retrieval/published": {
+        "cpu": {"training": {"steps": 3000, "batch_size": 24}},
+        "small": {"training": {"steps": 80_000, "batch_size": 24}},
+        "paper": {"training": {"batch_size": 24}},
     },
 }
 
@@ -178,7 +194,7 @@ class Learn(Section):
     """Arrays that training reads."""
 
     tasks: list[str] = Field(default_factory=lambda: list(MODELS), min_length=1)
-    """Tasks to train: ``frequencies``, ``solidity``."""
+    """Tasks to train: ``frequencies``, ``solidity``, ``retrieval``."""
 
     frequencies: LearningTask = LearningTask()
     """Predict the frequencies of a body from its shape and material."""
@@ -186,10 +202,13 @@ class Learn(Section):
     solidity: LearningTask = LearningTask()
     """Tell solid from hollow bodies by sound and picture."""
 
+    retrieval: LearningTask = LearningTask()
+    """Find sound, picture and shape of a body by each other."""
+
     @model_validator(mode="after")
     def _settings_are_known(self):
-        for name in MODELS:
-            options = self.run(name, OBJECT, MODELS[name][0], self.seeds[0])
+        for name, model in ((name, model) for name, models in MODELS.items() for model in models):
+            options = self.run(name, OBJECT, model, self.seeds[0])
             if options.network.points > self.features.points:
                 raise ValueError(
                     f"{name}.network.points: the network asks for {options.network.points} points of "
@@ -225,7 +244,13 @@ class Learn(Section):
 
     def run(self, task: str, split: str, model: str, seed: int) -> RunOptions:
         """Return the options of one training: those of the preset, then those of the task."""
-        own, preset = getattr(self, task), PRESETS[self.preset]
+        own = getattr(self, task)
+        parts = [PRESETS[self.preset]]
+        parts += [OWN_PRESETS.get(name, {}).get(self.preset, {}) for name in (task, f"{task}/{model}")]
+        settings = {
+            name: {key: value for part in parts for key, value in part.get(name, {}).items()}
+            for name in ("training", "network")
+        }
         return RunOptions(
             task=task,
             split=split,
@@ -235,8 +260,8 @@ class Learn(Section):
             hold_out=self.hold_out,
             leave_out=self.leave_out,
             preset=self.preset,
-            training={**preset["training"], **own.training},
-            network={**preset["network"], **own.network},
+            training={**settings["training"], **own.training},
+            network={**settings["network"], **own.network},
         )
 
     def sides(self, task: str) -> list[str]:
