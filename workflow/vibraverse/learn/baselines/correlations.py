@@ -51,9 +51,9 @@ def canonical_correlations(samples, trained: np.ndarray) -> Callable[[np.ndarray
     """Fit linear canonical correlations of each pair of modalities on bodies; return what gives the vectors of others.
 
     A sound is the logarithms of its frequencies, their mean apart; a shape its invariants and which material it is of;
-    a picture its grey pixels. A pair has a block of the vectors, in which both ends are unit vectors.
+    a picture its grey pixels: the main directions of each. A pair has a block of the vectors; scores are cosines, in
+    which a canonical direction counts as much as its correlation.
     """
-    from sklearn.cross_decomposition import CCA
     from sklearn.decomposition import PCA
     from sklearn.pipeline import make_pipeline
     from sklearn.preprocessing import StandardScaler
@@ -65,10 +65,12 @@ def canonical_correlations(samples, trained: np.ndarray) -> Callable[[np.ndarray
         for name, values in known.items()
     }
     pairs = [("sound", "image"), ("sound", "shape"), ("image", "shape")]
-    fitted = []
+    fitted = {}
     for one, other in pairs:
         first, second = (reduced[name].transform(_flat(known[name])) for name in (one, other))
-        fitted.append(CCA(min(size[one], size[other]), max_iter=5000).fit(first, second))
+        # Both have unit covariance, so the canonical directions are the singular ones of what they have in common.
+        left, correlation, right = np.linalg.svd(first.T @ second / len(first), full_matrices=False)
+        fitted[one, other] = left * np.sqrt(correlation), right.T * np.sqrt(correlation)
 
     def vectors(bodies: np.ndarray) -> Vectors:
         seen = {
@@ -76,12 +78,13 @@ def canonical_correlations(samples, trained: np.ndarray) -> Callable[[np.ndarray
             for name, values in _columns(samples, bodies).items()
         }
         blocks: dict[str, list[np.ndarray]] = {name: [] for name in MODALITIES}
-        for pair, model in zip(pairs, fitted, strict=True):
-            scores = model.transform(*(seen[name][0] for name in pair))
-            width = scores[0].shape[1]
+        for pair, directions in fitted.items():
             for name in MODALITIES:
-                found = _unit(scores[pair.index(name)]) if name in pair else np.zeros((1, width))
-                blocks[name].append(np.broadcast_to(found, (len(seen[name][0]), width)))
+                rows, width = len(seen[name][0]), directions[0].shape[1]
+                own = (
+                    seen[name][0] @ directions[pair.index(name)] if name in pair else np.zeros((rows, width))
+                )
+                blocks[name].append(_unit(own))
         return {
             name: np.concatenate(parts, axis=1).reshape(*seen[name][1], -1) for name, parts in blocks.items()
         }

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from vibraverse.learn.metrics import WITHIN
+from vibraverse.learn.ranking import CUTOFFS
 from vibraverse.learn.sides import HELD_OUT, TEST
 from vibraverse.report import quantities
 
@@ -55,6 +56,15 @@ MEASURES = {
         ),
     ),
     "solidity": (Measure("accuracy", "accuracy", "%", False, percent=True),),
+    "retrieval": (
+        Measure("mean_map", "mean average precision", "%", False, percent=True),
+        *(
+            Measure(f"mean_top_{cutoff}", f"in first {cutoff}", "%", False, percent=True)
+            for cutoff in CUTOFFS
+        ),
+        Measure("mean_median_rank", "median place", "", True),
+        Measure("pool", "pool", "bodies"),
+    ),
 }
 
 
