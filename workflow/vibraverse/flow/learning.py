@@ -89,7 +89,7 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "scipy", "scikit-learn"),
+        libraries=("numpy", "pillow", "scipy", "scikit-learn"),
         passes_refusals=False,
     ),
     Step(
