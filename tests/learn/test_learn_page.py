@@ -18,10 +18,7 @@ from read_page import Page  # noqa: E402
 from browsers import opened  # noqa: E402
 from vibraverse.cli import main  # noqa: E402
 from vibraverse.contract import products  # noqa: E402
-from vibraverse.report.learning import (
-    comparison,
-    search,
-)
+from vibraverse.report.learning import comparison, search  # noqa: E402
 from vibraverse.report.learning import page as page_of_learning  # noqa: E402
 
 pytestmark = pytest.mark.learn

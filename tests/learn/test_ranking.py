@@ -62,6 +62,14 @@ def test_a_constant_embedding_scores_as_chance():
     assert np.mean([one["top_10"] for one in drawn]) == pytest.approx(0.05, rel=0.15)
 
 
+def test_vectors_that_are_no_numbers_score_as_chance():
+    right = np.eye(20, dtype=bool)
+    found = ranking.of_scores(np.full((20, 20), np.nan), right)
+    expected = ranking.of_scores(np.zeros((20, 20)), right)
+    for name in NAMES:
+        np.testing.assert_array_equal(found[name], expected[name])
+
+
 def test_parts_of_a_large_pool_are_the_whole(monkeypatch):
     random = np.random.default_rng(0)
     queries, entries = random.normal(size=(2, 30, 4))

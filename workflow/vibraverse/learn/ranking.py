@@ -17,7 +17,7 @@ RANK, PRECISION = "rank", "map"
 #: Resamplings of the objects for an interval.
 DRAWS = 1000
 #: Scores that are compared with each other at once.
-_AT_ONCE = 20_000_000
+_AT_ONCE = 4_000_000
 
 
 def measures(queries: np.ndarray, entries: np.ndarray, right: np.ndarray) -> dict[str, np.ndarray]:
@@ -34,7 +34,8 @@ def measures(queries: np.ndarray, entries: np.ndarray, right: np.ndarray) -> dic
 
 
 def of_scores(scores: np.ndarray, right: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the measures (q,) of scores (q, n), see :func:`measures`."""
+    """Return the measures (q,) of scores (q, n), see :func:`measures`; what is not a number is the lowest."""
+    scores = np.nan_to_num(scores, nan=-np.inf, posinf=np.inf, neginf=-np.inf)
     best = np.where(right, scores, -np.inf).max(axis=1, keepdims=True)
     above, level = (scores > best).sum(axis=1), scores == best
     tied, good = level.sum(axis=1), (level & right).sum(axis=1)

@@ -35,7 +35,7 @@ from vibraverse.learn.pools import (
     judge_retrieval,
     key_of,
 )
-from vibraverse.learn.precision import exact
+from vibraverse.learn.precision import exact, tf32
 from vibraverse.learn.ranking import summary
 from vibraverse.learn.ranks import gathered
 from vibraverse.learn.samples import Samples
@@ -155,7 +155,8 @@ class Retrieval(BodyTask):
     def losses(self, model: nn.Module, batch: dict) -> torch.Tensor:
         """Return the loss of every sample (B,), among the samples of all processes."""
         found = model(batch)
-        with exact(batch["points"].device):
+        # Scores are sharp differences of products: no rounding to bfloat16 or TF32.
+        with exact(batch["points"].device), tf32(False):
             vectors, first = gathered(torch.stack([found[name] for name in MODALITIES], dim=1))
             everything = dict(zip(MODALITIES, vectors.unbind(dim=1), strict=True))
             loss = contrast(

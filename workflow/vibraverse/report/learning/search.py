@@ -80,7 +80,7 @@ def searches(
     pool = _Pool(training, samples)
     chosen = pool.chosen(materials)
     queries = [pool.query(place, number, materials, assets) for place, number in enumerate(chosen)]
-    return {"training": training, "count": len(pool.bodies), "queries": queries, "looks": pool.looks}
+    return {"training": training, "count": len(pool.bodies), "queries": queries}
 
 
 class _Pool:
@@ -97,7 +97,6 @@ class _Pool:
         for name in ("sound", "image", "shape"):
             values = training.answers[f"{TEST}/{name}"]
             self.vectors[name] = values[rows, np.minimum(self.material, values.shape[1] - 1)]
-        self.looks = len(set(self.alike["look"]))
 
     def chosen(self, materials: Mapping[str, Mapping[str, float]]) -> list[int]:
         """Return the places of some bodies by hashes of their names, those that are heard well first."""
