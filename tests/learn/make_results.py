@@ -52,7 +52,7 @@ class Made:
         """Write features of two shards, splits and the record of the dataset."""
         shards = [self.folder / f"learn/features/0000{number}" for number in range(2)]
         for number, shard in enumerate(shards):
-            write(shard, objects[number::2])
+            write(shard, objects[number::2], invented_ritz=True)
         (self.folder / "dataset").mkdir()
         write_splits(self.folder / "dataset/splits.tsv", sorted(objects))
         materials = {name: {**one, **DAMPING} for name, one in MATERIALS.items()}

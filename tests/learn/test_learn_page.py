@@ -113,8 +113,13 @@ def test_the_best_of_each_column_is_bold(page):
     seen = 0
     for (task, *_), lines in page.sides.items():
         for column in comparison.MEASURES[task]:
-            values = {line["name"]: line["cells"][column.name]["value"] for line in lines}
-            bold = {line["name"] for line in lines if line["cells"][column.name]["best"]}
+            lines_of_it = [
+                line for line in lines if column.name in line["cells"]
+            ]  # a small pool has its size alone
+            if not lines_of_it:
+                continue
+            values = {line["name"]: line["cells"][column.name]["value"] for line in lines_of_it}
+            bold = {line["name"] for line in lines_of_it if line["cells"][column.name]["best"]}
             wanted = (min if column.less_is_better else max)(values.values())
             best = {name for name, value in values.items() if value == wanted}
             assert bold == (best if len(set(values.values())) > 1 else set())
