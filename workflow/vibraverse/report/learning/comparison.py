@@ -58,10 +58,7 @@ MEASURES = {
     "solidity": (Measure("accuracy", "accuracy", "%", False, percent=True),),
     "retrieval": (
         Measure("mean_map", "mean average precision", "%", False, percent=True),
-        *(
-            Measure(f"mean_top_{cutoff}", f"in first {cutoff}", "%", False, percent=True)
-            for cutoff in CUTOFFS
-        ),
+        *(Measure(f"mean_top_{cutoff}", f"top {cutoff}", "%", False, percent=True) for cutoff in CUTOFFS),
         Measure("mean_median_rank", "median place", "", True),
         Measure("pool", "pool", "bodies"),
     ),
