@@ -22,7 +22,7 @@ pytestmark = pytest.mark.learn
 
 LEARNING = {
     **TINY,
-    "sources": {"generated": {"count": 8, "families": ["bar", "ring"]}, "bundled": [], "files": []},
+    "sources": {"generated": {"count": 10, "families": ["bar", "ring"]}, "bundled": [], "files": []},
     "dataset": {"shards": 2, "splits": {"train": 0.4, "validation": 0.3, "test": 0.3}},
     "learn": {
         "preset": "tiny", "seeds": [0], "splits": ["object"],
@@ -40,6 +40,7 @@ LEARNING = {
         },
         "diffsound": {"bodies": 1, "cells": 8, "iterations": 2},
         "cavity": {"models": ["sound"], "training": {"steps": 10, "batch_size": 4}},
+        "retrieval": {"models": ["contrast"], "training": {"steps": 10, "batch_size": 4}},
     },
 }  # fmt: skip
 TRAINING = {"task": "frequencies", "split": "object", "model": "physics", "seed": "0"}
@@ -105,6 +106,7 @@ def test_the_table_compares_models_with_baselines(learnt):
         ("solidity", "sound"), ("solidity", "logistic regression"),
         ("reconstruction", "truncated"), ("reconstruction", "smoothed voxels"),
         ("cavity", "sound"), ("cavity", "ridge regression"),
+        ("retrieval", "contrast"), ("retrieval", "chance"), ("retrieval", "linear CCA"),
     }  # fmt: skip
     assert {row["preset"] for row in rows if row["model"] == "physics"} == {"tiny"}
     medians = {
@@ -135,8 +137,9 @@ def test_a_prediction_for_a_file_is_the_answer_about_the_object(learnt, tmp_path
 def test_the_page_is_of_all_tasks_and_marks_the_toy(learnt):
     text = (learnt.folder / Paths().learn_page).read_text(encoding="utf-8")
     assert re.findall(r'<section id="(\w+)" class="task">', text) == [
-        "cavity", "frequencies", "reconstruction", "solidity"
+        "cavity", "frequencies", "reconstruction", "retrieval", "solidity"
     ]  # fmt: skip
+    assert "Search with a sound" in text
     assert "Different data" not in text
     assert "toy run" in text
     assert "<audio" in text
@@ -152,6 +155,6 @@ def test_nothing_is_left_to_do_and_a_new_seed_trains_alone(learnt):
     jobs, _ = learnt.plan("learn")
     everything, _ = learnt.plan()  # the report links the page of learning, and must not make it
     learnt.config = before
-    assert jobs == {"train": 4, "evaluate": 4, "results": 1, "learn_page": 1, "learn": 1}
+    assert jobs == {"train": 5, "evaluate": 5, "results": 1, "learn_page": 1, "learn": 1}
     assert everything["report"] == 1
     assert not {step.name for step in LEARNING_STEPS} & set(everything)

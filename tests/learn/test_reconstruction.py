@@ -295,7 +295,6 @@ def test_a_network_that_the_features_cannot_feed_is_one_sentence(network, featur
         validate(Learn, {"preset": "tiny", "features": features, "reconstruction": {"network": network}})
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(
     "VIBRAVERSE_PUBLISHED" not in os.environ, reason="takes 8 GB and minutes; set VIBRAVERSE_PUBLISHED"
 )

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from vibraverse.config.base import Section
+from vibraverse.config.presets import OWN_PRESETS, PRESETS
 from vibraverse.config.training import Training
 from vibraverse.contract.texts import unknown
 
@@ -16,6 +17,7 @@ MODELS = {
     "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
     "reconstruction": ("published", "truncated", "shuffled", "material", "silent"),
     "cavity": ("sound", "outside"),
+    "retrieval": ("published", "contrast", "sized", "no_material"),
 }
 #: How the objects of a run are divided into those that are trained on and those that are not.
 OBJECT, SHUFFLED, FAMILY = "object", "shuffled", "family"
@@ -100,57 +102,6 @@ class Network(Section):
 
     cells: int = Field(48, ge=8, le=256)
     """Reconstruction: cells along an axis of [-1, 1]³ on which a surface is extracted."""
-
-
-#: What a preset sets; keys that the configuration gives win.
-PRESETS: dict[str, dict[str, dict]] = {
-    "tiny": {
-        "training": {"steps": 60, "minutes": 2.0, "batch_size": 8, "validate_every": 20},
-        "network": {"points": 512, "depth": 4, "width": 64, "layers": 2},
-    },
-    "cpu": {
-        "training": {"steps": 6000, "minutes": 20.0, "batch_size": 16, "validate_every": 250},
-        "network": {"points": 2048, "depth": 5, "width": 256, "layers": 3},
-    },
-    "small": {
-        "training": {"steps": 20_000, "minutes": 10.0, "batch_size": 128, "workers": 4},
-        "network": {"points": 4096, "depth": 5, "width": 256, "layers": 3},
-    },
-    "paper": {
-        "training": {"steps": 100_000, "minutes": 100_000.0, "batch_size": 16, "workers": 4},
-        "network": {"points": 4096, "depth": 6, "width": 256, "layers": 3},
-    },
-}
-
-
-#: What differs from the preset for a task: the published settings in ``paper``.
-OWN_PRESETS: dict[tuple[str, str], dict[str, dict]] = {
-    ("tiny", "reconstruction"): {
-        "training": {"batch_size": 4, "learning_rate": 1e-3, "schedule": "cosine", "warmup_steps": 5},
-        "network": {"width": 128, "voxel_points": 512, "distances": 512, "cells": 24},
-    },
-    ("cpu", "reconstruction"): {
-        "training": {"minutes": 60.0, "learning_rate": 5e-4, "schedule": "cosine", "warmup_steps": 200},
-        "network": {"width": 128},
-    },
-    ("small", "reconstruction"): {
-        "training": {"batch_size": 32, "learning_rate": 2e-4, "schedule": "cosine", "warmup_steps": 500},
-        "network": {
-            "width": 384, "latents": 256, "encoder_blocks": 4, "decoder_blocks": 6,
-            "voxel_points": 8192, "distances": 4096, "cells": 64,
-        },
-    },
-    ("paper", "reconstruction"): {
-        "training": {
-            "batch_size": 48, "learning_rate": 1e-5, "betas": (0.9, 0.99), "schedule": "constant",
-            "clip_norm": None, "precision": "float32",
-        },
-        "network": {
-            "width": 768, "latents": 1024, "encoder_blocks": 8, "decoder_blocks": 12,
-            "voxel_points": 32_768, "distances": 16_384, "cells": 128,
-        },
-    },
-}  # fmt: skip
 
 
 class LearningTask(Section):
@@ -275,7 +226,7 @@ class Learn(Section):
     """Arrays that training reads."""
 
     tasks: list[str] = Field(default_factory=lambda: list(MODELS), min_length=1)
-    """Tasks to train: ``frequencies``, ``solidity``, ``reconstruction``, ``cavity``."""
+    """Tasks to train: ``frequencies``, ``solidity``, ``reconstruction``, ``cavity``, ``retrieval``."""
 
     frequencies: LearningTask = LearningTask()
     """Predict the frequencies of a body from its shape and material."""
@@ -292,10 +243,13 @@ class Learn(Section):
     cavity: LearningTask = LearningTask()
     """Tell how thick the wall around the cavity of a hollow body is."""
 
+    retrieval: LearningTask = LearningTask()
+    """Find sound, picture and shape of a body by each other."""
+
     @model_validator(mode="after")
     def _settings_are_known(self):
-        for name in MODELS:
-            options = self.run(name, OBJECT, MODELS[name][0], self.seeds[0])
+        for name, model in ((name, model) for name, models in MODELS.items() for model in models):
+            options = self.run(name, OBJECT, model, self.seeds[0])
             if options.network.points > self.features.points:
                 raise ValueError(
                     f"{name}.network.points: the network asks for {options.network.points} points of "
@@ -333,8 +287,13 @@ class Learn(Section):
 
     def run(self, task: str, split: str, model: str, seed: int) -> RunOptions:
         """Return the options of one training: those of the preset, then those of the task."""
-        own, preset = getattr(self, task), PRESETS[self.preset]
-        special = OWN_PRESETS.get((self.preset, task), {"training": {}, "network": {}})
+        own = getattr(self, task)
+        parts = [PRESETS[self.preset]]
+        parts += [OWN_PRESETS.get(name, {}).get(self.preset, {}) for name in (task, f"{task}/{model}")]
+        settings = {
+            name: {key: value for part in parts for key, value in part.get(name, {}).items()}
+            for name in ("training", "network")
+        }
         return RunOptions(
             task=task,
             split=split,
@@ -344,8 +303,8 @@ class Learn(Section):
             hold_out=self.hold_out,
             leave_out=self.leave_out,
             preset=self.preset,
-            training={**preset["training"], **special["training"], **own.training},
-            network={**preset["network"], **special["network"], **own.network},
+            training={**settings["training"], **own.training},
+            network={**settings["network"], **own.network},
         )
 
     def sides(self, task: str) -> list[str]:

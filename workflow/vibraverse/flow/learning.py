@@ -125,7 +125,7 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "scipy", "scikit-image", "scikit-learn", "numba"),
+        libraries=("numpy", "pillow", "scipy", "scikit-image", "scikit-learn", "numba"),
         passes_refusals=False,
     ),
     Step(

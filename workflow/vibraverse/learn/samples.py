@@ -33,7 +33,8 @@ class Layout:
 class Samples:
     """The bodies of a dataset, sorted by object, the solid one first; arrays are memory-mapped.
 
-    ``object``, ``solidity``, ``origin`` and ``family`` are arrays of texts (n,). ``materials`` maps names to their
+    ``object``, ``solidity``, ``origin`` and ``family`` are arrays of texts (n,). ``original`` is the object that a
+    body's object is a copy of, or that object itself; :meth:`know_copies` says which. ``materials`` maps names to their
     parameters, ``poisson`` (k,) are the ratios at which ``log_omega`` and ``ritz`` are known, ``ritz_degrees`` and
     ``ritz_unknowns`` the polynomials and splines in ``ritz``, one after the other. ``voxel_points`` is the number of
     points among which ``farthest`` were chosen. :meth:`rows` reads any array of
@@ -67,6 +68,7 @@ class Samples:
         counts = [len(one["bodies"]["object"]) for one in records]
         order = np.lexsort((columns["solidity"] == "hollow", columns["object"]))
         self.object, self.solidity, self.origin, self.family = (columns[name][order] for name in names)
+        self.original = self.object
         self._shard = np.repeat(np.arange(len(counts)), counts)[order]
         self._row = np.concatenate([np.arange(count) for count in counts])[order]
         self._maps: dict[str, list[np.ndarray]] = {}
@@ -76,6 +78,10 @@ class Samples:
 
     def __getstate__(self) -> dict:
         return {**self.__dict__, "_maps": {}}  # workers map the files themselves
+
+    def know_copies(self, copy_of: Mapping[str, str]) -> None:
+        """Learn which objects are copies of others; ``copy_of`` maps an object to its original, "" for none."""
+        self.original = np.array([copy_of[one] or one for one in self.object.tolist()])
 
     def row(self, name: str, body: int) -> np.ndarray:
         """Return a body's row of an array, or that of its object."""

@@ -8,7 +8,7 @@ from copy import copy
 
 import numpy as np
 
-from vibraverse.learn.baselines import statistics
+from vibraverse.learn.baselines import correlations, statistics
 from vibraverse.learn.judging import Judgement, judged
 from vibraverse.learn.sides import TRAIN
 
@@ -175,10 +175,33 @@ def _cavity(task):
         yield name, answers
 
 
+def _retrieval(task):
+    """Yield chance, the material alone, linear correlations, and the nearest spectrum by Ritz's method."""
+    samples, many = task.samples, len(task.samples.materials)
+
+    def ritz(bodies: np.ndarray) -> dict[str, np.ndarray]:
+        tested, true_hz = in_all_materials(samples, bodies), samples.rows("frequencies_hz", bodies)
+        return correlations.spectrum_match(true_hz, tested.hertz(tested.ritz[:, -1]).reshape(true_hz.shape))
+
+    models = {
+        "chance": lambda: lambda bodies: correlations.chance(len(bodies)),
+        "material oracle": lambda: lambda bodies: correlations.material_oracle(len(bodies), many),
+        "linear CCA": lambda: correlations.canonical_correlations(samples, task.sides[TRAIN]),
+        "finest Ritz, nearest spectrum": lambda: ritz,
+    }
+    for name, fit in models.items():
+
+        def answers(side: str, fit=fit) -> dict[str, np.ndarray]:
+            return {**fit()(task.sides[side]), "material": task.materials(side)}
+
+        yield name, answers
+
+
 #: Task -> function that yields name and answers of each baseline; a task may have none.
 _BASELINES = {
     "frequencies": _frequencies,
     "solidity": _solidity,
     "reconstruction": _reconstruction,
     "cavity": _cavity,
+    "retrieval": _retrieval,
 }

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from vibraverse.learn.judging import WALL
 from vibraverse.learn.metrics import NEAR, WITHIN
+from vibraverse.learn.ranking import CUTOFFS
 from vibraverse.learn.sides import HELD_OUT, TEST
 from vibraverse.report import quantities
 
@@ -71,6 +72,12 @@ MEASURES = {
     "cavity": (
         Measure("t_error", "error of t, mean", "", True),
         Measure(f"t_within_{WALL:g}", f"within {WALL:g}", "of bodies, %", False, percent=True),
+    ),
+    "retrieval": (
+        Measure("mean_map", "mean average precision", "%", False, percent=True),
+        *(Measure(f"mean_top_{cutoff}", f"top {cutoff}", "%", False, percent=True) for cutoff in CUTOFFS),
+        Measure("mean_median_rank", "median place", "", True),
+        Measure("pool", "pool", "bodies"),
     ),
 }
 
