@@ -296,7 +296,7 @@ def test_a_network_that_the_features_cannot_feed_is_one_sentence(network, featur
 
 
 @pytest.mark.skipif(
-    "VIBRAVERSE_PUBLISHED" not in os.environ, reason="takes 8 GB and minutes; set VIBRAVERSE_PUBLISHED"
+    "VIBRAVERSE_PUBLISHED" not in os.environ, reason="takes 4 GB and minutes; set VIBRAVERSE_PUBLISHED"
 )
 def test_the_published_network_takes_a_step_on_a_processor(tmp_path):
     shard = write(
