@@ -76,7 +76,7 @@ class Check:
                     "seeds": [0],
                     "splits": ["object"],
                     # Retrieval imports nothing else, and wants several materials and a larger side to test.
-                    "tasks": ["frequencies", "solidity"],
+                    "tasks": ["frequencies", "solidity", "reconstruction", "cavity"],
                     "features": {"points": 512},
                     "frequencies": {"models": ["ritz", "subspace"], "training": {"steps": 3}},
                     "solidity": {"models": ["informed"], "training": {"steps": 3}},
