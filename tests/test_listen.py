@@ -43,7 +43,7 @@ def folder(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def phone(folder):
-    """As a phone hears it: a pause, noise of a room 26 dB below, echoes 15 dB below, and a second, softer hit."""
+    """As a phone hears it: a pause, noise of a room 26 dB below, echoes 24 dB below, and a second, softer hit."""
     random = np.random.default_rng(11)
     struck, rate = soundfile.read(folder / "wedge.wav")
     sound = np.zeros(rate)
@@ -52,7 +52,7 @@ def phone(folder):
         sound[round(at * rate) :][: len(part)] += part
     decay = np.exp(-np.arange(round(0.25 * rate)) / (0.04 * rate))
     echo = decay * random.normal(size=len(decay)) * (random.random(len(decay)) < 0.02)
-    heard = sound + 0.04 * np.convolve(sound, echo)[: len(sound)]
+    heard = sound + 0.015 * np.convolve(sound, echo)[: len(sound)]
     heard += 0.05 * np.sqrt(np.mean(heard[round(0.3 * rate) :][:2000] ** 2)) * random.normal(size=len(heard))
     soundfile.write(folder / "phone.wav", np.stack([0.5 * heard, 0.6 * heard], axis=1), rate)
     return folder / "phone.wav"

@@ -17,16 +17,19 @@ from vibraverse.listening.assignment import Heard
 from vibraverse.listening.decay import Damping, damping
 from vibraverse.listening.fit import SEARCH_SPREAD, Estimate, Model, Searchable, fit, polished
 from vibraverse.listening.peaks import Peaks
+from vibraverse.listening.resonances import Lines
 
 #: Fewest peaks that say anything.
 MIN_PEAKS = 3
 #: Random bodies, and the standard deviation in log frequency by which their modes are moved.
-_DECOYS, _MOVED = 16, 0.05
-#: A match must be this many standard deviations above the mean of the random bodies; 0.3 % of maxima (Gumbel) are.
-_ABOVE_CHANCE = 4.0
+_DECOYS, _MOVED = 12, 0.05
+#: Starts that are refined for each of them.
+_DECOY_STARTS = 4
+#: A match must be this many standard deviations above the mean of the random bodies; 1 % of maxima (Gumbel) are.
+_ABOVE_CHANCE = 3.0
 #: Smallest share of the peaks among the modes that must be explained, the smallest share of the score that a match of
 #: all of them would have, and the largest spread in log frequency.
-_MIN_EXPLAINED, _MIN_SCORE, _MAX_SPREAD = 0.5, 0.45, 0.02
+_MIN_EXPLAINED, _MIN_SCORE, _MAX_SPREAD = 0.5, 0.33, 0.02
 #: Another answer is as good if its score is less than this below the best one, a likelihood ratio of 20.
 _AS_GOOD = 3.0
 
@@ -35,9 +38,9 @@ _AS_GOOD = 3.0
 class Answer:
     """The best ``estimate`` and ``others`` that are as good, with the damping of its modes.
 
-    ``score``, of the search, is compared with ``chance``, mean and standard deviation of those of random bodies, and
-    with ``ideal``, that of a match of all peaks without a missing mode. ``explained`` of ``within`` peaks in the range
-    of the body's modes are matched.
+    ``score`` is compared with ``chance``, mean and standard deviation of the scores of random bodies, and with
+    ``ideal``, that of a match of all peaks without a missing mode. ``explained`` of ``within`` peaks in the range of
+    the body's modes are matched.
     """
 
     estimate: Estimate
@@ -95,9 +98,9 @@ def answer(peaks: Peaks, model: Searchable, bounds: np.ndarray, exact: Model | N
         decays = damping(
             matched.frequency_hz[known], matched.decay_per_s[known], matched.decay_error_per_s[known]
         )
-    score, chance = _compared(heard, model, bounds)
     ideal = assignment.ideal(heard, np.flatnonzero(reach), lines.error, SEARCH_SPREAD)
-    return Answer(best, others, decays, score, chance, ideal, explained, within)
+    chance = _by_chance(heard, model, bounds)
+    return Answer(best, others, decays, found[0].match.score, chance, ideal, explained, within)
 
 
 def enough(peaks: Peaks) -> None:
@@ -109,18 +112,27 @@ def enough(peaks: Peaks) -> None:
         )
 
 
-def _compared(heard: Heard, model: Searchable, bounds: np.ndarray) -> tuple[float, tuple[float, float]]:
-    """Return the best score of a search, and the mean and the standard deviation of those with random bodies."""
-    random = rng("listening", "chance")
-    parameters, combs = model.grid(bounds[1:])
-    combs = combs[:: max(1, len(combs) // 40)]
-    error = model.at(parameters[0]).error
-    margin = SEARCH_SPREAD
-    reach = bounds[0, 0] - margin, bounds[0, 1] + margin
-    scores = []
-    for moved_by in (0.0, *[_MOVED] * _DECOYS):
-        moved = np.sort(combs + moved_by * random.standard_normal(combs.shape[1]), axis=1)
-        found = assignment.search(heard, moved, error, reach, SEARCH_SPREAD)[2]
-        scores.append(float(found[0]) if len(found) else 0.0)
-    own, *others = scores
-    return own, (float(np.mean(others)), float(np.std(others, ddof=1)))
+class _Moved:
+    """A body whose lines are moved by ``off`` (m,)."""
+
+    def __init__(self, model: Searchable, off: np.ndarray):
+        self._model, self._off, self.bounds = model, off, model.bounds
+
+    def at(self, parameters: np.ndarray) -> Lines:
+        lines = self._model.at(parameters)
+        order = np.argsort(lines.log_omega + self._off, kind="stable")
+        return Lines((lines.log_omega + self._off)[order], lines.slopes[order], lines.error[order])
+
+    def grid(self, bounds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        parameters, combs = self._model.grid(bounds)
+        return parameters, np.sort(combs + self._off, axis=1)
+
+
+def _by_chance(heard: Heard, model: Searchable, bounds: np.ndarray) -> tuple[float, float]:
+    """Return the mean and the standard deviation of the scores of random bodies."""
+    random, scores = rng("listening", "chance"), []
+    modes = len(model.at(model.bounds.mean(axis=1)).log_omega)
+    for _ in range(_DECOYS):
+        found = fit(heard, _Moved(model, _MOVED * random.standard_normal(modes)), bounds, _DECOY_STARTS)
+        scores.append(found[0].match.score if found else 0.0)
+    return float(np.mean(scores)), float(np.std(scores, ddof=1))

@@ -75,10 +75,11 @@ class Estimate:
         )
 
 
-def fit(heard: Heard, model: Searchable, bounds: np.ndarray) -> list[Estimate]:
+def fit(heard: Heard, model: Searchable, bounds: np.ndarray, starts: int = _STARTS) -> list[Estimate]:
     """Return the different estimates that the peaks allow, best first by the score of their match.
 
     ``bounds`` (1 + q, 2) are those of ``log s`` and the parameters; where both ends are equal, the value is known.
+    ``starts`` of the search are refined.
     """
     parameters, combs = model.grid(bounds[1:])
     error = model.at(parameters[len(parameters) // 2]).error
@@ -87,7 +88,7 @@ def fit(heard: Heard, model: Searchable, bounds: np.ndarray) -> list[Estimate]:
         heard, combs, error, (bounds[0, 0] - margin, bounds[0, 1] + margin), SEARCH_SPREAD
     )
     found: list[Estimate] = []
-    for row, shift in _apart(rows, shifts, parameters):
+    for row, shift in _apart(rows, shifts, parameters, starts):
         start = np.clip(np.concatenate([[shift], parameters[row]]), *bounds.T)
         found += _refined(heard, model, start, bounds)
     return _different(sorted(found, key=lambda one: -one.match.score))
@@ -108,7 +109,9 @@ def _different(estimates: list[Estimate]) -> list[Estimate]:
     return kept
 
 
-def _apart(rows: np.ndarray, shifts: np.ndarray, parameters: np.ndarray) -> list[tuple[int, float]]:
+def _apart(
+    rows: np.ndarray, shifts: np.ndarray, parameters: np.ndarray, most: int
+) -> list[tuple[int, float]]:
     """Return the first starts that are not neighbours of better ones."""
     kept: list[tuple[int, float]] = []
     for row, shift in zip(rows, shifts, strict=True):
@@ -118,7 +121,7 @@ def _apart(rows: np.ndarray, shifts: np.ndarray, parameters: np.ndarray) -> list
         )
         if not near:
             kept.append((row, shift))
-        if len(kept) == _STARTS:
+        if len(kept) == most:
             break
     return kept
 
