@@ -49,8 +49,8 @@ def trained(data, tmp_path, asked):
 
 @pytest.mark.parametrize(
     ("task", "model"),
-    # `subspace` has no labels to fit, and these bodies' spectra are not those of their tetrahedra. The tasks about shapes
-    # have files of their own.
+    # `subspace` has no labels to fit, and these bodies' spectra are not those of their tetrahedra. The tasks about
+    # shapes have files of their own.
     [
         (task, model)
         for task, models in MODELS.items()

@@ -76,7 +76,8 @@ def mesh_arguments(name: str = "mesh") -> argparse.ArgumentParser:
 class OneMesh:
     """The mesh of a command and the options of its stages.
 
-    Raises :class:`UsageError` before anything is computed. ``materials`` and ``modes`` are those of a simulation.
+    Raises :class:`UsageError` before anything is computed. ``materials`` and ``modes`` are those of a simulation;
+    without materials it serves any.
     """
 
     def __init__(self, arguments: argparse.Namespace, materials: Mapping[str, Material], modes: int):
@@ -95,9 +96,12 @@ class OneMesh:
         if arguments.hollow is not None and not 0 < arguments.hollow < 1:
             raise UsageError(f"--hollow must lie between 0 and 1, not {arguments.hollow:g}")
         thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
-        # No other material is going to be asked for, and a basis for one Poisson's ratio takes a fraction of the time.
-        ratios = [one.poisson for one in materials.values()]
-        basis = {"order": arguments.order, "modes": modes, "poisson_range": [min(ratios), max(ratios)]}
+        basis = {"order": arguments.order, "modes": modes}
+        if (
+            materials
+        ):  # no others will be asked for, and a basis for one Poisson's ratio takes a fraction of the time
+            ratios = [one.poisson for one in materials.values()]
+            basis["poisson_range"] = [min(ratios), max(ratios)]
         try:
             self.options = {
                 "sources": SourceEntry(origin="files"),

@@ -13,7 +13,7 @@ from scipy.interpolate import RegularGridInterpolator
 from scipy.spatial import cKDTree
 
 from vibraverse.contract.seeds import stable_hash
-from vibraverse.geometry.grids import cell_centres
+from vibraverse.geometry.voxels import cell_centres
 from vibraverse.learn.baselines.voxels import smoothed
 from vibraverse.learn.diffsound import EmptyLevelSetError, Settings, eigenvalues, search
 from vibraverse.learn.reconstructions import Field

@@ -47,7 +47,11 @@ def fill_within(
             quiet=True,
         )
     if not len(cells):
-        raise Refused("meshing_failed", "fTetWild found nothing inside")
+        raise Refused(
+            "meshing_failed",
+            "fTetWild found nothing inside.",
+            "Repair the mesh, so that it encloses a volume.",
+        )
     used, cells = np.unique(cells, return_inverse=True)
     points, cells = points[used], cells.reshape(-1, 4).astype(np.int64)
     turned = quality.volumes(points, cells) < 0

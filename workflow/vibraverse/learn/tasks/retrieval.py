@@ -84,7 +84,7 @@ class Retrieval(BodyTask):
         super().__init__(samples, sides, options)
         if len(samples.materials) < 2:
             raise UsageError(
-                f"retrieval: all bodies are of {next(iter(samples.materials))}, so there is no material to tell from "
+                f"retrieval: all bodies are of {next(iter(samples.materials))}, so no material can be told from "
                 "another; name two or more in `materials`, or take the task out of learn.tasks"
             )
         if len(sides[TEST]) < SMALLEST:
