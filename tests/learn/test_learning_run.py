@@ -23,7 +23,7 @@ pytestmark = pytest.mark.learn
 LEARNING = {
     **TINY,
     "sources": {"generated": {"count": 10, "families": ["bar", "ring"]}, "bundled": [], "files": []},
-    "dataset": {"shards": 2, "splits": {"train": 0.4, "validation": 0.3, "test": 0.3}},
+    "dataset": {"shards": 2, "splits": {"train": 0.35, "validation": 0.3, "test": 0.35}},
     "learn": {
         "preset": "tiny", "seeds": [0], "splits": ["object"],
         "features": {"points": 512, "view_px": 32, "ritz_degrees": [3], "ritz_unknowns": [300]},
@@ -39,7 +39,7 @@ LEARNING = {
             "network": {"width": 64, "latents": 32, "encoder_blocks": 1, "decoder_blocks": 1, "cells": 16},
         },
         "diffsound": {"bodies": 1, "cells": 8, "iterations": 2},
-        "cavity": {"models": ["sound"], "training": {"steps": 10, "batch_size": 4}},
+        "cavity": {"models": ["sound"], "training": {"steps": 10, "batch_size": 2}},
         "retrieval": {"models": ["contrast"], "training": {"steps": 10, "batch_size": 4}},
     },
 }  # fmt: skip
