@@ -24,7 +24,7 @@ pytestmark = pytest.mark.learn
 LEARNING = {
     **TINY,
     "sources": {"generated": {"count": 10, "families": ["bar", "ring"]}, "bundled": [], "files": []},
-    "dataset": {"shards": 2, "splits": {"train": 0.3, "validation": 0.2, "test": 0.5}},
+    "dataset": {"shards": 2, "splits": {"test": 0.67, "train": 0.21, "validation": 0.12}},
     "learn": {
         "preset": "tiny", "seeds": [0], "splits": ["object"],
         "features": {"points": 512, "view_px": 32, "ritz_degrees": [3], "ritz_unknowns": [300]},
