@@ -15,7 +15,6 @@ torch = pytest.importorskip("torch", reason="torch is not installed (it belongs 
 from make_results import DAMPING, OBJECTS, Made, full  # noqa: E402
 from read_page import Page  # noqa: E402
 
-from browsers import opened  # noqa: E402
 from vibraverse.cli import main  # noqa: E402
 from vibraverse.contract import products  # noqa: E402
 from vibraverse.report.learning import comparison, search  # noqa: E402
@@ -41,22 +40,6 @@ def made(few_bodies, tmp_path_factory) -> Made:
     made = full(tmp_path_factory.mktemp("page"))
     made.write()
     return made
-
-
-@pytest.fixture(scope="module")
-def page(made) -> Page:
-    return Page(made.page.read_text(encoding="utf-8"))
-
-
-@pytest.fixture(scope="module")
-def rows(made) -> list[dict]:
-    return products.read_json(made.folder / "learn/results.json")["rows"]
-
-
-@pytest.fixture(scope="module")
-def browser(made, tmp_path_factory):
-    with opened(made.page, tmp_path_factory.mktemp("chromium")) as driver:
-        yield driver
 
 
 @pytest.fixture

@@ -10,10 +10,7 @@ import pytest
 torch = pytest.importorskip("torch", reason="torch is not installed (it belongs to the learning environment)")
 
 from make_results import OBJECTS, OWN, Made  # noqa: E402
-from read_page import Page  # noqa: E402
 
-from browsers import opened  # noqa: E402
-from vibraverse.contract import products  # noqa: E402
 from vibraverse.report.learning import search  # noqa: E402
 
 pytestmark = pytest.mark.learn
@@ -29,22 +26,6 @@ def made(tmp_path_factory) -> Made:
         patched.setattr(search, "QUERIES", 2)
         made.write()
     return made
-
-
-@pytest.fixture(scope="module")
-def page(made) -> Page:
-    return Page(made.page.read_text(encoding="utf-8"))
-
-
-@pytest.fixture(scope="module")
-def rows(made) -> list[dict]:
-    return products.read_json(made.folder / "learn/results.json")["rows"]
-
-
-@pytest.fixture(scope="module")
-def browser(made, tmp_path_factory):
-    with opened(made.page, tmp_path_factory.mktemp("chromium")) as driver:
-        yield driver
 
 
 def test_a_search_shows_what_the_vectors_say(made):

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import shutil
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -20,10 +19,10 @@ from vibraverse.commands.one_mesh import (
     read_material,
     surface_warnings,
     work_folder,
+    write_facts,
 )
 from vibraverse.config import validate
 from vibraverse.config.geometry import Hollow
-from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
 from vibraverse.machine.threads import set_threads
 from vibraverse.physics.materials import MATERIALS
@@ -89,11 +88,7 @@ def main(argv: list[str]) -> int:
         facts = plan.run(folder)
     from vibraverse.commands.heard import print_facts  # not earlier: it imports numerical libraries
 
-    if arguments.json == "-":
-        print(products.as_json(facts), end="")
-    elif arguments.json:
-        products.write_json(arguments.json, facts)
-    print_facts(facts, sys.stderr if arguments.json == "-" else sys.stdout)
+    print_facts(facts, write_facts(facts, arguments.json))
     return 0
 
 

@@ -1,4 +1,4 @@
-"""One mesh file through the workflow's own stages, in a temporary folder: what ``strike`` and ``predict`` share."""
+"""One mesh file through the workflow's own stages, in a temporary folder: what the commands about one mesh share."""
 
 from __future__ import annotations
 
@@ -11,12 +11,14 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TextIO
 
 from vibraverse.config import ConfigError, section, validate
 from vibraverse.config.geometry import Hollow, Tets
 from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
+from vibraverse.contract import products
 from vibraverse.contract.errors import NotStored, NotThere, Refused, UsageError
 from vibraverse.contract.names import slug
 from vibraverse.contract.readable import unreadable
@@ -206,6 +208,16 @@ def check_writable(path: Path) -> None:
         raise UsageError(f"the folder of {path} does not exist; create it, or choose another")
     if path.is_dir():
         raise UsageError(f"{path} is a folder; name a file in it")
+
+
+def write_facts(facts: dict, json: str | None) -> TextIO:
+    """Write facts to the file ``json``, or print them for ``-``, and return the stream for the summary beside them."""
+    if json == "-":
+        print(products.as_json(facts), end="")
+        return sys.stderr
+    if json:
+        products.write_json(json, facts)
+    return sys.stdout
 
 
 def as_flags(error: ConfigError, flags: Mapping[str, str]) -> str:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import glob
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -26,6 +25,7 @@ from vibraverse.commands.one_mesh import (
     sound_warnings,
     surface_warnings,
     work_folder,
+    write_facts,
 )
 from vibraverse.config.learn import OBJECT
 from vibraverse.config.media import Audio
@@ -90,11 +90,7 @@ def main(argv: list[str]) -> int:
 
     if arguments.sound:
         plan.write_sounds(facts)
-    if arguments.json == "-":
-        print(products.as_json(facts), end="")
-    elif arguments.json:
-        products.write_json(arguments.json, facts)
-    print_facts(facts, sys.stderr if arguments.json == "-" else sys.stdout)
+    print_facts(facts, write_facts(facts, arguments.json))
     return 0
 
 

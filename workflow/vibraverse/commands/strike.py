@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from pathlib import Path
 
 from vibraverse.commands.one_mesh import (
@@ -22,6 +21,7 @@ from vibraverse.commands.one_mesh import (
     sound_warnings,
     surface_warnings,
     work_folder,
+    write_facts,
 )
 from vibraverse.config import ConfigError, validate
 from vibraverse.config.media import Audio
@@ -89,11 +89,7 @@ def main(argv: list[str]) -> int:
         facts, sound = plan.run(folder)
     with products.whole(plan.output) as partial:
         partial.write_bytes(sound)
-    if arguments.json == "-":
-        print(products.as_json(facts), end="")
-    elif arguments.json:
-        products.write_json(arguments.json, facts)
-    _print_facts(facts, plan.output, sys.stderr if arguments.json == "-" else sys.stdout)
+    _print_facts(facts, plan.output, write_facts(facts, arguments.json))
     return 0
 
 
