@@ -20,7 +20,7 @@ from open3d.t.geometry import RaycastingScene  # noqa: E402
 
 from vibraverse.files import meshes  # noqa: E402
 from vibraverse.geometry.distance.field import grid_distance  # noqa: E402
-from vibraverse.geometry.grids import cell_centres  # noqa: E402
+from vibraverse.geometry.voxels import cell_centres  # noqa: E402
 
 
 def timed(function):

@@ -124,9 +124,9 @@ def _chain(vertices, faces, name: str, row: dict, cpu: dict) -> None:
 
 def _tets(solidity: str, surface, row: dict, timed) -> None:
     from vibraverse.geometry import surfaces
+    from vibraverse.geometry.boundary import boundary
     from vibraverse.geometry.meshing import quality
     from vibraverse.geometry.meshing.tets import tetrahedralise
-    from vibraverse.physics.boundary import boundary
 
     try:
         mesh = timed(f"tets {solidity}", tetrahedralise, *surface)

@@ -26,9 +26,8 @@ _FAMILIES = ("bar", "bowl", "cup", "mug", "pan", "ring", "rod", "vase")
 def write(folder: Path, objects: int, options: Features) -> list[Path]:
     """Write the features of objects with both bodies, and ``splits.tsv``; return the records of the features."""
     names = [f"{_FAMILIES[number % len(_FAMILIES)]}-{number:04d}" for number in range(objects)]
-    make_features.write(
-        folder / "00000", names, options=options, surface=_smooth, modes=64, invented_ritz=True
-    )
+    invented = {"invented_ritz": True, "reconstruction": False}
+    make_features.write(folder / "00000", names, options=options, surface=_smooth, modes=64, **invented)
     make_features.write_splits(folder / "splits.tsv", names)
     return records(folder)
 

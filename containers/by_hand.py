@@ -216,13 +216,17 @@ def bodies(check: Check) -> None:
         "thickness": np.tile([np.nan, 0.5], len(objects)),
         "object_row": np.repeat(np.arange(len(objects)), 2),
         "views": random.integers(0, 256, (len(objects), 2, 64, 64, 3), dtype=np.uint8),
+        "distance_places": random.integers(-30_000, 30_000, (count, 3, 2048, 3), dtype=np.int16),
+        "distances": random.uniform(-0.1, 0.5, (count, 2, 2048)).astype(np.float16),
+        "voxels": np.pad(np.ones((len(objects), 12, 4, 4), np.uint8), [(0, 0), (2, 2), (6, 6), (6, 6)]),
+        "farthest": np.tile(np.arange(64, dtype=np.int32), (len(objects), 1)),
     }
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)
     both = {"object": np.repeat(objects, 2).tolist(), "solidity": ["solid", "hollow"] * len(objects)}
     both |= {"origin": ["generated"] * count, "family": ["bar"] * count}
     named = {"objects": objects, "materials": {"steel": steel}, "poisson": [0.1, 0.25, 0.4]}
-    spaces = {"ritz_degrees": [4, 6, 8], "ritz_unknowns": [1000, 3000]}
+    spaces = {"ritz_degrees": [4, 6, 8], "ritz_unknowns": [1000, 3000], "voxel_points": 32_768}
     (folder / "features.json").write_text(json.dumps({"bodies": both, **spaces, **named}))
     lines = "".join(map("{}\t{}\t\n".format, objects, ["train"] * 8 + ["validation"] * 2 + ["test"] * 2))
     check.at("splits").write_text(f"object\tsplit\tcopy_of\n{lines}")

@@ -75,9 +75,14 @@ class Check:
                     "preset": "tiny",
                     "seeds": [0],
                     "splits": ["object"],
+                    # Retrieval imports nothing else, and wants several materials and a larger side to test.
+                    "tasks": ["frequencies", "solidity", "reconstruction", "cavity"],
                     "features": {"points": 512},
                     "frequencies": {"models": ["ritz", "subspace"], "training": {"steps": 3}},
                     "solidity": {"models": ["informed"], "training": {"steps": 3}},
+                    "reconstruction": {"models": ["truncated"], "training": {"steps": 3, "warmup_steps": 0}},
+                    "diffsound": {"bodies": 1, "cells": 8, "iterations": 2},
+                    "cavity": {"models": ["sound"], "training": {"steps": 3}},
                 },
             }
         )
@@ -112,6 +117,7 @@ class Check:
             per.KNOWN_BODY: [{"body": by_hand.KNOWN}],
             per.TRAINING: self.plan.trainings(),
             per.COMPARISON: [{"task": task, "split": "object"} for task in self.plan.config.learn.tasks],
+            per.PART: [{"split": "object", "part": "0"}],
         }.get(step.per, [{}])
 
     def run(self, step: Step, wildcards: dict[str, str]) -> None:
@@ -155,6 +161,8 @@ class Check:
         if "task" in wildcards:
             make = self.plan.training if "model" in wildcards else self.plan.comparison
             return make(SimpleNamespace(**wildcards))
+        if "part" in wildcards:
+            return self.plan.descent(SimpleNamespace(**wildcards))
         known = {"object_": wildcards.get("object", ""), "shard": wildcards.get("shard", "")}
         return self.plan.options(step.name, **known)
 

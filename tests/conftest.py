@@ -18,6 +18,7 @@ set_threads(1)
 
 ROOT = Path(__file__).resolve().parent.parent
 SHARED_MESHES = ROOT.parent / "shared" / "meshes"
+SHARED_CASES = ROOT.parent / "shared" / "cases"
 
 
 @pytest.fixture(scope="session")
@@ -32,6 +33,14 @@ def shared_meshes() -> Path:
     if not SHARED_MESHES.is_dir():
         pytest.skip("the public test meshes (../shared/meshes) are not here")
     return SHARED_MESHES
+
+
+@pytest.fixture(scope="session")
+def shared_cases() -> Path:
+    """Files from public bug reports that lie beside a developer's checkout; tests that need them skip without."""
+    if not SHARED_CASES.is_dir():
+        pytest.skip("the cases from bug reports (../shared/cases) are not here")
+    return SHARED_CASES
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

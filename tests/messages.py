@@ -34,7 +34,7 @@ _VERB = re.compile(
 _IMPERATIVE = (
     "add|ask|change|check|choose|claim|close|connect|convert|copy|correct|create|cut|delete|do|empty|enter|export|"
     "finish|free|give|install|join|keep|leave|let|lower|make|mend|move|name|narrow|pass|put|raise|reconstruct|remove|"
-    "rename|repair|repeat|run|save|set|simplify|take|wait|widen|write|build|lend|log"
+    "rename|repair|repeat|run|save|set|simplify|take|wait|widen|write|build|lend|log|record"
 )
 _REMEDY = re.compile(
     r"`[^`]+`"  # a command

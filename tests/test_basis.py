@@ -12,8 +12,8 @@ from meshes import box, distorted_box
 from vibraverse.contract.errors import Refused
 from vibraverse.contract.seeds import rng
 from vibraverse.files.basis import read_basis, write_basis
+from vibraverse.geometry.boundary import boundary
 from vibraverse.physics.basis import build_basis, rigid_body
-from vibraverse.physics.boundary import boundary
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
 from vibraverse.physics.materials import lame

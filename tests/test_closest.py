@@ -9,7 +9,7 @@ import shapes
 from vibraverse.contract.seeds import rng
 from vibraverse.geometry.distance.closest import ClosestPoint
 from vibraverse.geometry.distance.field import grid_distance
-from vibraverse.geometry.grids import cell_centres
+from vibraverse.geometry.voxels import cell_centres
 
 
 def _soup(random, count):

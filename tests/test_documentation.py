@@ -13,7 +13,9 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+import soundfile
 import trimesh
 
 import documented
@@ -64,6 +66,7 @@ STANDS_FOR = (
     (r"^(snakemake(?!.* (-n|--lint)\b).*)$", r"\1 -n"),
     (r"^(vibraverse submit(?!.*--dry-run).*)$", r"\1 --dry-run"),
     (r"^(vibraverse strike .*)$", r"\1 --elements 300 --order 1 --modes 8"),
+    (r"^(vibraverse listen .*)$", r"\1 --elements 300 --order 1"),
     (r"^(python benchmarks/\w+\.py).*", r"\1 --help"),
 )
 
@@ -137,6 +140,11 @@ def clone(finished, tmp_path_factory) -> Run:
         "mugs/blue.obj",
     ):
         trimesh.creation.box((1.0, 0.6, 0.5)).export(run.folder / name)
+    time_s = np.arange(22_050) / 44_100
+    tones_hz = (900.0, 1770.0, 2900.0, 4100.0)
+    chord = np.exp(-20 * time_s) * sum(np.sin(2 * np.pi * one * time_s) for one in tones_hz)
+    soundfile.write(run.folder / "mug.wav", chord / 5, 44_100)
+    (run.folder / "heard.txt").write_text("".join(f"{one}, 20\n" for one in tones_hz))
     (run.folder / "shapes.csv").write_text("path,size_m\nmugs/blue.obj,0.1\n")
     (run.folder / "train.py").write_text("print('trained')\n")
     mine = next(block for block in documented.blocks("yaml") if block.doc == "README.md")

@@ -88,7 +88,11 @@ def test_an_environment_holds_what_its_stages_import(module, environment):
         re.findall(r"^([a-z0-9-]+)==", (ENVS / f"{environment}.txt").read_text(), flags=re.MULTILINE)
     )
     # What only the environment of learning holds is not installed here to be asked.
-    distributions = {"sklearn": ["scikit-learn"], **importlib.metadata.packages_distributions()}
+    distributions = {
+        "sklearn": ["scikit-learn"],
+        "skimage": ["scikit-image"],
+        **importlib.metadata.packages_distributions(),
+    }
     for package, importer in third_party(module).items():
         names = {name.lower().replace("_", "-") for name in distributions.get(package, [package])}
         assert names & locked, f"{importer} imports {package}, which envs/{environment}.txt does not hold"

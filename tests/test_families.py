@@ -14,8 +14,8 @@ import trimesh
 from vibraverse.contract.errors import Refused
 from vibraverse.files.meshes import ply_bytes
 from vibraverse.files.reading.polygons import triangulate
+from vibraverse.geometry.profiles import circle, extrude, revolve, rounded, smooth_curve, tube, wall
 from vibraverse.sources.families import FAMILIES, drawn, generate
-from vibraverse.sources.families.profiles import circle, extrude, revolve, rounded, smooth_curve, tube, wall
 
 
 def solid_facts(vertices, faces):

@@ -10,10 +10,10 @@ from scipy.spatial.transform import Rotation
 
 from meshes import box, distorted_box
 from vibraverse.contract.seeds import rng
+from vibraverse.geometry.boundary import boundary
 from vibraverse.learn.baselines import elements, starts
 from vibraverse.learn.baselines.galerkin import from_fields, ritz
 from vibraverse.learn.baselines.polynomials import polynomial_ritz, polynomial_space
-from vibraverse.physics.boundary import boundary
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import assemble, rigid_modes
 from vibraverse.physics.materials import MATERIALS, lame

@@ -12,7 +12,8 @@ from vibraverse.contract.refusal import read_refusal
 from vibraverse.files import meshes
 from vibraverse.geometry import grids, surfaces
 from vibraverse.geometry.cleaning.judge import judge
-from vibraverse.geometry.grids import Sampler, cell_centres, coarse_mesh, thickest_cell
+from vibraverse.geometry.grids import Sampler, thickest_cell
+from vibraverse.geometry.voxels import cell_centres, coarse_mesh
 
 
 def mesh_grid(n):

@@ -18,8 +18,9 @@ from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.cleaning.clean import clean
 from vibraverse.geometry.distance.closest import ClosestPoint
 from vibraverse.geometry.distance.crossing import crossing_faces
-from vibraverse.geometry.grids import Sampler, cell_centres
+from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import deepest_point, hollow
+from vibraverse.geometry.voxels import cell_centres
 from vibraverse.sources.families import generate
 
 

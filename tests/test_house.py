@@ -17,6 +17,7 @@ FORBIDDEN = {
     "contract": {"anything"},
     "geometry": {"files", "config", "sources", "flow", "dataset", "machine"},
     "physics": {"files", "config", "sources", "flow", "dataset", "machine"},
+    "listening": {"files", "config", "sources", "flow", "dataset", "machine", "media", "geometry"},
     "media": {"files", "config", "sources", "flow", "dataset", "machine"},
     "files": {"config", "sources", "flow", "dataset", "machine"},
     "flow": {"dataset", "machine", "stages", "commands", "upkeep"},

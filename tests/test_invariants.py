@@ -7,8 +7,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from meshes import box
+from vibraverse.geometry.boundary import boundary
 from vibraverse.learn.invariants import INVARIANTS, invariants, thinness
-from vibraverse.physics.boundary import boundary
 
 
 def block(sides, divisions=(2, 2, 2)):

@@ -7,8 +7,8 @@ import pytest
 import scipy.linalg
 
 from vibraverse.contract.seeds import rng
+from vibraverse.geometry.boundary import boundary
 from vibraverse.geometry.lattice import Cut, inside, lattice
-from vibraverse.physics.boundary import boundary
 from vibraverse.physics.differentiable import derivatives
 from vibraverse.physics.elasticity import assemble, check_tetrahedra
 from vibraverse.physics.materials import lame

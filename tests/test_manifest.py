@@ -71,6 +71,11 @@ def test_more_rows_change_nothing_of_the_others(folder):
             assert after.options(stage, object_) == before.options(stage, object_)
 
 
+def _with_column(text: str, cells: list) -> str:
+    """Return a table with one more column, as ``pandas.to_csv`` puts the index in front."""
+    return "".join(f"{cell},{line}\n" for cell, line in zip(cells, text.splitlines(), strict=True))
+
+
 @pytest.mark.parametrize(
     ("change", "name"),
     [
@@ -91,12 +96,31 @@ def test_more_rows_change_nothing_of_the_others(folder):
             "a.csv",
         ),
         (lambda text: text.replace("\n", "\n\n") + ",,,,\n", "a.csv"),
+        (lambda text: text.encode("utf-16"), "a.csv"),
+        (lambda text: "sep=,\r\n" + text, "a.csv"),
+        (lambda text: text.replace("deep/", "deep\\"), "a.csv"),
+        (lambda text: text.replace("my_gong,,,", "my_gong,NaN,,NA"), "a.csv"),
+        (lambda text: _with_column(text, ["", 0, 1, 2]), "a.csv"),
+        (lambda text: _with_column(text, ["Unnamed: 0", 0, 1, 2]), "a.csv"),
+        (lambda text: _with_column(_with_column(text, ["uid", *"abc"]), ["mass_kg", 0.1, "", 2]), "a.csv"),
+        (lambda text: _with_column(text, ["category_id", 1, 2, 3]), "a.csv"),
     ],
-    ids=["BOM", "CRLF", "semicolons", "tabs", "spaces", "empty lines"],
-)
+    ids=[
+        "BOM", "CRLF", "semicolons", "tabs", "spaces", "empty lines", "UTF-16", "sep=", "backslashes", "NaN",
+        "index", "unnamed index", "own columns", "own column with a similar name",
+    ],
+)  # fmt: skip
 def test_tables_as_programs_write_them(folder, change, name):
     expected = Plan(config(folder)).objects
     assert Plan(config(folder, change(TABLE), name)).objects == expected
+
+
+def test_manifests_of_the_shared_cases(shared_cases, tmp_path):
+    for name, ids in (("pandas.csv", ["x1", "x2"]), ("extra.csv", ["x1"])):
+        text = (shared_cases / "manifest-pandas-index" / name).read_text()
+        make(tmp_path, "a.stl", "b 1.stl")
+        (tmp_path / name).write_text(text)
+        assert [row.object for row in read_manifest(str(tmp_path / name))] == ids
 
 
 def test_an_unknown_category_is_one_sentence_where_the_known_ones_are_listed(folder):
@@ -124,12 +148,14 @@ def test_an_unknown_category_is_one_sentence_where_the_known_ones_are_listed(fol
         ("\n , \n", "is empty"),
         ("id,size_m\n", "line 1: the column path is missing; add it (known columns: path, id,"),
         ("path\n", "lists no meshes"),
-        ("file,path\n", "line 1, column 1: unknown column 'file'"),
+        ("path,categry\n", "unknown column 'categry'; did you mean 'category'?"),
+        ("path,size\n", "unknown column 'size'; did you mean 'size_m'?"),
+        ("path,size_mm\n", "unknown column 'size_mm'; did you mean 'size_m'?"),
         ("path,license\n", "line 1, column 2: unknown column 'license'; did you mean 'licence'?"),
         ("path,path\n", "the column path appears twice"),
         ("path,id\n,a\n", "line 2, column path: the cell is empty"),
         ("path\nnone.obj\n", "line 2, column path: none.obj does not exist"),
-        ("path\ndeep\\gong.stl\n", "does not exist; write / between folders"),
+        ("path\ndeep\\bell.stl\n", "deep/bell.stl does not exist"),
         ("path\ndeep\n", "line 2, column path: deep is not a mesh in a known format; export it as one (3MF,"),
         ("path\ndeep.obj\n", "deep.obj is not a file"),
         ("path\npipe.obj\n", "pipe.obj is not a file"),
@@ -152,7 +178,6 @@ def test_an_unknown_category_is_one_sentence_where_the_known_ones_are_listed(fol
             "line 2, column size_m: 200 m is more than the 50 m that an object may have; write 0.2 for 200 mm",
         ),
         ("path,size_m\nCup 1.obj,-1\n", "'-1' is not a positive number"),
-        ("path,size_m\nCup 1.obj,nan\n", "'nan' is not a positive number"),
         ("path,size_m\nCup 1.obj,inf\n", "'inf' is not a positive number"),
         ("path,size_m\nCup, 1.obj,0.1\n", "line 2: 3 cells for 2 columns; put quotes"),
         ('path\n"Cup 1.obj\n', "close the quotation mark"),

@@ -17,10 +17,11 @@ from vibraverse.config import ConfigError, parse
 from vibraverse.contract.errors import Refused
 from vibraverse.contract.products import read_json
 from vibraverse.contract.refusal import read_refusal
+from vibraverse.contract.seeds import rng
 from vibraverse.files.meshes import read_mesh
 from vibraverse.sources.bundled import BUNDLED, locate
 from vibraverse.sources.catalogue import catalogue, generated_ids
-from vibraverse.sources.families import FAMILIES, GROUPS
+from vibraverse.sources.families import FAMILIES, GROUPS, generate
 
 
 @pytest.mark.parametrize(("name", "faces"), [("nut", 1046), ("airplane", 2452), ("ant", 912)])
@@ -51,6 +52,20 @@ def test_generated_objects_take_turns_and_keep_their_ids():
     assert many[:8] == few
     assert len(set(many)) == 90
     assert generated_ids(0, []) == []
+
+
+def test_objects_of_one_shape_differ_in_their_cavities_alone():
+    two = {"count": 2, "families": ["bowl", "bell"], "cavities": 3}
+    expected = [f"{shape}{end}" for shape in ("bowl-0000", "bell-0000") for end in ("", "_2", "_3")]
+    assert ids(generated=two) == expected
+    one, other = generate("bowl-0000"), generate("bowl-0000_3")
+    np.testing.assert_array_equal(one.vertices, other.vertices)
+    np.testing.assert_array_equal(one.faces, other.faces)
+    assert (one.size_m, one.family) == (other.size_m, other.family)
+    drawn = [rng(object_, "hollow").uniform(0.3, 0.7) for object_ in expected[:3]]
+    assert len(set(drawn)) == 3
+    with pytest.raises(Refused):
+        generate("bowl-0000_b")
 
 
 def test_the_words_for_families():

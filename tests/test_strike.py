@@ -10,6 +10,7 @@ import pytest
 import soundfile
 import trimesh
 
+from mesh_bytes import gltf
 from vibraverse.physics.materials import MATERIALS
 
 #: ω L / c_s of the free cube for ν = 0.3.
@@ -192,3 +193,34 @@ def test_missing_file_and_wrong_kind(tmp_path, vibraverse):
 def test_every_material_of_the_table_is_offered(vibraverse):
     _, out, _ = vibraverse("strike", "--help")
     assert all(name in out for name in MATERIALS)
+
+
+def centimetres_as_metres(side: float) -> bytes:
+    """Return a glTF of a tetrahedron whose legs are so many metres long."""
+    document = gltf()
+    for node in document["nodes"]:
+        node["scale"] = [side] * 3
+    return json.dumps({**document, "scenes": [{"nodes": [1]}]}).encode()
+
+
+def test_a_body_of_centimetres_in_a_metre_format_is_noted(tmp_path, vibraverse):
+    (tmp_path / "a.gltf").write_bytes(centimetres_as_metres(300))
+    options = ("--material", "plastic", "--elements", 300, "--modes", 6, "-o", tmp_path / "a.wav")
+    status, out, errors = vibraverse("strike", tmp_path / "a.gltf", *options)
+    assert status == 0, errors
+    assert "longest side 300 m" in out
+    assert "warning: size: the longest side is 300 m in the file's own unit (from 0.001 to 50 m is" in out
+    assert "modes are below 20 Hz and cannot be heard; a smaller --size raises them" in out
+    status, out, _ = vibraverse("strike", tmp_path / "a.gltf", *options, "--size", 3)
+    assert status == 0
+    assert "warning: size" not in out
+    assert "cannot be heard" not in out
+
+
+def test_the_case_of_a_bug_report_is_noted(shared_cases, tmp_path, vibraverse):
+    mesh = shared_cases / "glb-centimetres-as-metres" / "bar-300.gltf"
+    options = ("--elements", 300, "-o", tmp_path / "a.wav")
+    status, out, errors = vibraverse("strike", mesh, *options)
+    assert status == 0, errors
+    assert "the longest side is 300 m in the file's own unit" in out
+    assert "modes are below 20 Hz and cannot be heard" in out

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import re
+import signal
 
 import meshio
 import numpy as np
@@ -217,13 +220,51 @@ def test_where_the_fit_makes_sheets_cut_each_other_it_may_yield(monkeypatch):
         near = np.abs(points[:, :1]) < 0.08
         return points - near * np.sign(points[:, :1]) * [0.05, 0.0, 0.0]
 
-    monkeypatch.setattr(remesh_module, "_fitted", pushed)
+    monkeypatch.setattr(remesh_module, "fit_to", pushed)
     even = EvenSurface(*balls, 0.1, lambda points, size: np.full(len(points), size), 0.01, 35.0)
     with pytest.raises(SheetsMeet):
         even.remesh(0.1, 0.01)
     points, triangles = even.remesh(0.1, 0.01, yielding=True)
     assert surfaces.topology(triangles, len(points)).components == 2
     assert not crossing_faces(points, triangles).any()
+
+
+def refuse(vertices, faces, demands):
+    raise Refused("meshing_failed", "fTetWild: sheets are close.", "Mend it.")
+
+
+def test_where_no_recipe_works_ftetwild_fills_the_body(monkeypatch, tmp_path):
+    monkeypatch.setattr(tets_module, "_by_recipes", refuse)
+    monkeypatch.chdir(tmp_path)
+    vertices, faces = shapes.hollow_ball(0.9, 0.5)
+    mesh = tetrahedralise(vertices, faces, TARGET)
+    check_mesh(mesh, vertices, faces, len(mesh.cells))
+    assert (mesh.quality["algorithm"], mesh.quality["ridge_deg"]) == ("ftetwild", None)
+    radii = np.linalg.norm(mesh.points, axis=1)
+    assert radii.min() == pytest.approx(0.5, abs=0.03)
+    assert radii.max() == pytest.approx(0.9, abs=0.03)
+    assert not list(tmp_path.iterdir())
+
+
+def crash(*arguments):
+    os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def test_a_mesher_that_crashes_leaves_the_body_to_the_next(monkeypatch):
+    monkeypatch.setattr(tets_module, "_by_recipes", crash)
+    assert mesh_body(*shapes.box(), Tets(target_elements=500)).quality["algorithm"] == "ftetwild"
+
+
+def test_a_body_that_nothing_fills_is_refused_with_what_each_tool_said(monkeypatch):
+    monkeypatch.setattr(tets_module, "_by_recipes", crash)
+    monkeypatch.setattr(tets_module, "_within_envelope", refuse)
+    with pytest.raises(Refused) as caught:
+        mesh_body(*shapes.box(), Tets(target_elements=500))
+    assert caught.value.reason == "meshing_failed"
+    assert re.match(
+        r"Nothing filled .* gmsh with Mmg crashed \(SIGSEGV\)\. fTetWild: .*close\.$", caught.value.message
+    )
+    assert "Repair or simplify the mesh" in caught.value.advice
 
 
 def test_elements_shrink_towards_a_reentrant_edge():

@@ -16,9 +16,11 @@ import numpy as np
 from vibraverse.config.learn import Features
 from vibraverse.contract import products
 from vibraverse.contract.seeds import rng
-from vibraverse.learn.features import sample_surface, shape_arrays, write_meshes
+from vibraverse.geometry.voxels import cell_centres
+from vibraverse.learn.features import shape_arrays, voxel_arrays, write_meshes
 from vibraverse.learn.inside import describe
 from vibraverse.learn.invariants import invariants
+from vibraverse.learn.sampling import distance_samples, sample_surface
 from vibraverse.learn.scaling import unit_hz
 
 MATERIALS = {
@@ -26,7 +28,10 @@ MATERIALS = {
     "wood": {"density_kg_m3": 750.0, "young_pa": 1.1e10, "poisson": 0.25},
 }
 MODES = 24
-OPTIONS = Features(points=512, poisson_nodes=5, ritz_degrees=[2, 3], ritz_unknowns=[300], view_px=32)
+OPTIONS = Features(
+    points=512, poisson_nodes=5, ritz_degrees=[2, 3], ritz_unknowns=[300], view_px=32, voxel_points=1024, farthest=64,
+    distance_samples=1024,
+)  # fmt: skip
 
 
 def sides_of(object_: str) -> np.ndarray:
@@ -45,6 +50,13 @@ def box_of(object_: str, solidity: str) -> tuple[np.ndarray, np.ndarray]:
     """Return the vertices and faces of an object's box, the same for both bodies."""
     mesh = mesh_of(object_)
     return mesh.vertices, mesh.faces
+
+
+def voxels_of(object_: str) -> np.ndarray:
+    """Return which cells (16, 16, 16) have their centre in an object's box."""
+    half = sides_of(object_) / 2
+    inside = np.abs(cell_centres(16)[:, None]) < half
+    return (inside[:, None, None, 0] & inside[None, :, None, 1] & inside[None, None, :, 2]).astype(np.uint8)
 
 
 def tetrahedra_of(sides: np.ndarray, cells=(3, 2, 2)) -> tuple[np.ndarray, np.ndarray]:
@@ -84,10 +96,12 @@ def write(
     surface: Callable[[str, str], tuple[np.ndarray, np.ndarray]] = box_of,
     modes: int = MODES,
     invented_ritz: bool = False,
+    reconstruction: bool = True,
 ) -> Path:
     """Write the features of one shard into a folder; ``surface`` makes vertices and faces of an object's body.
 
-    Polynomial Ritz frequencies are those of the surface, or made up, which takes no time.
+    Polynomial Ritz frequencies are those of the surface, or made up, which takes no time. Without ``reconstruction``
+    that task's arrays, which take Numba, are left out.
     """
     folder.mkdir(parents=True)
     bodies = [(object_, solidity) for object_ in objects for solidity in solidities]
@@ -112,6 +126,9 @@ def write(
             }
         else:
             shape = shape_arrays(vertices, faces, object_, solidity, modes, options)
+        if reconstruction:
+            around = distance_samples(vertices, faces, options.distance_samples, rng(object_, solidity))
+            shape |= dict(zip(("distance_places", "distances"), around, strict=True))
         for name, value in {
             **shape,
             "log_omega": values.astype(np.float32),
@@ -129,6 +146,9 @@ def write(
     arrays = {name: np.array(values) for name, values in rows.items()} | {
         "views": np.array(pictures, np.uint8)
     }
+    if reconstruction:
+        coarse = [voxel_arrays(voxels_of(one), one, options) for one in objects]
+        arrays |= {name: np.array([one[name] for one in coarse]) for name in coarse[0]}
     write_meshes(folder, meshes)
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)
@@ -144,6 +164,7 @@ def write(
         "poisson": poisson.tolist(),
         "ritz_degrees": options.ritz_degrees,
         "ritz_unknowns": options.ritz_unknowns,
+        "voxel_points": options.voxel_points,
     }
     products.write_text(folder / "features.json", json.dumps(record))
     return folder

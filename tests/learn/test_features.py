@@ -18,8 +18,8 @@ from vibraverse.dataset.schema import SPLIT_COLUMNS
 from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.learn.baselines.polynomials import polynomial_ritz
 from vibraverse.learn.baselines.splines import spline_ritz
-from vibraverse.learn.features import sample_surface
 from vibraverse.learn.samples import Samples, at
+from vibraverse.learn.sampling import UNIT, sample_surface
 from vibraverse.learn.scaling import scaled, scaled_material, unit_hz, unscaled
 from vibraverse.learn.sides import TooFew, sides
 
@@ -55,6 +55,29 @@ def test_the_stage_writes_what_the_dataset_holds(made):
             pictures = samples.row("views", body)
             assert pictures.shape == (3, 48, 48, 3)
             assert abs(float(pictures.mean()) - float(reader.read("views", **place).mean())) < 1.0
+
+
+def test_bodies_share_voxels_and_have_distances_of_their_own(made):
+    """The hollow bar's differ from the solid one's inside alone, and both are those of their surfaces."""
+    samples = at(made)
+    assert samples.voxel_points == 32_768
+    solid, hollow = 1, 2
+    for name in ("voxels", "farthest"):
+        np.testing.assert_array_equal(samples.row(name, solid), samples.row(name, hollow))
+    with open_dataset(made / "dataset") as reader:
+        np.testing.assert_array_equal(samples.row("voxels", solid), reader.read("occupancy", "bar-0000"))
+
+    def box(places, sides):
+        apart = np.abs(places) - sides / 2
+        return np.linalg.norm(np.maximum(apart, 0), axis=-1) + np.minimum(apart.max(axis=-1), 0)
+
+    sides = np.array([1.8, 0.4, 0.3])
+    for body in (solid, hollow):
+        places = UNIT * samples.row("distance_places", body)[:2].astype(float)
+        expected = box(places, sides)
+        if body == hollow:
+            expected = np.maximum(expected, -box(places, 0.5 * sides))
+        np.testing.assert_allclose(samples.row("distances", body), expected, rtol=1e-3, atol=1e-5)
 
 
 def test_the_spectrum_and_the_frequencies_agree(made):

@@ -16,13 +16,13 @@ from meshes import distorted_box  # noqa: E402
 from vibraverse.cli import main  # noqa: E402
 from vibraverse.config.learn import Learn, Network  # noqa: E402
 from vibraverse.contract.seeds import rng  # noqa: E402
+from vibraverse.geometry.boundary import boundary  # noqa: E402
 from vibraverse.learn import inside, subspaces  # noqa: E402
 from vibraverse.learn.baselines.galerkin import at_nodes  # noqa: E402
 from vibraverse.learn.networks.fields import Fields  # noqa: E402
 from vibraverse.learn.samples import Samples  # noqa: E402
 from vibraverse.learn.tasks import task_at  # noqa: E402
 from vibraverse.learn.tasks.subspace import Subspace, numbers, spectra_on  # noqa: E402
-from vibraverse.physics.boundary import boundary  # noqa: E402
 from vibraverse.physics.elasticity import assemble  # noqa: E402
 from vibraverse.physics.materials import lame  # noqa: E402
 

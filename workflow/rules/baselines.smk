@@ -5,6 +5,7 @@ rule baselines:
     input:
         features=targets.features(plan),
         splits=paths.splits,
+        descents=lambda wildcards: targets.descents(plan, wildcards.task, wildcards.split),
     output:
         record=paths.baselines,
     log:
@@ -19,6 +20,7 @@ rule baselines:
         runtime=minutes("collect"),
     params:
         options=lambda wildcards: plan.comparison(wildcards),
+        descents=lambda wildcards, input: targets.files_argument("descents", input.descents),
         version=VERSIONS["baselines"],
     message:
         "baselines: {wildcards.task}, split {wildcards.split}"
@@ -26,6 +28,7 @@ rule baselines:
         "vibraverse baselines "
         "--features {input.features:q} "
         "--splits {input.splits:q} "
+        "{params.descents} "
         "--record {output.record:q} "
         "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"

@@ -32,5 +32,5 @@ wildcard_constraints:
     body=r"[a-z-]+",
     task=r"[a-z]+",
     split=r"object|(shuffled|family)-\d+",
-    model=r"[a-z]+",
+    model=r"[a-z_]+",
     seed=r"\d+",

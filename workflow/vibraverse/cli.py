@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 COMMANDS = {
     "strike": "hear a mesh: from a file to its impact sound in one go",
     "predict": "ask a trained model for the frequencies of a mesh, with error bars",
+    "listen": "find the material of a body from its impact sound, or its size, or its wall",
     "objects": "list the objects a configuration names",
     "materials": "list the known materials",
     "export": "write the dataset as WebDataset tars or for Hugging Face datasets",

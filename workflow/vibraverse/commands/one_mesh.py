@@ -1,4 +1,4 @@
-"""One mesh file through the workflow's own stages, in a temporary folder: what ``strike`` and ``predict`` share."""
+"""One mesh file through the workflow's own stages, in a temporary folder: what the commands about one mesh share."""
 
 from __future__ import annotations
 
@@ -11,31 +11,46 @@ import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
+from typing import TextIO
 
 from vibraverse.config import ConfigError, section, validate
 from vibraverse.config.geometry import Hollow, Tets
 from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
+from vibraverse.contract import products
 from vibraverse.contract.errors import NotStored, NotThere, Refused, UsageError
 from vibraverse.contract.names import slug
 from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.stage import Job, run
 from vibraverse.contract.step import BODY
+from vibraverse.contract.texts import unknown
 from vibraverse.files import formats
 from vibraverse.flow.paths import Paths
 from vibraverse.flow.steps import BY_NAME
+from vibraverse.physics.materials import MATERIALS
+from vibraverse.physics.plausible import SIZE_M
 from vibraverse.upkeep.lineage import Made, needed
 
 #: Configuration keys and the options that set them, for messages about mistakes.
 FLAGS = {"size_m": "--size", "modes": "--modes", "order": "--order", "target_elements": "--elements"}
 
+DEFAULT_MATERIAL = "ceramic"
+#: The numbers of a material in their order; the first three suffice.
+_MATERIAL_NUMBERS = ("young_pa", "density_kg_m3", "poisson", "alpha_per_s", "beta_s")
+#: Lowest frequency that people hear as a tone.
+AUDIBLE_HZ = 20.0
 
-def mesh_arguments() -> argparse.ArgumentParser:
-    """Return the arguments that name a mesh and its simulation, as a parent of the commands' parsers."""
+
+def mesh_arguments(name: str = "mesh") -> argparse.ArgumentParser:
+    """Return the arguments that name a mesh and its simulation, as a parent of the commands' parsers.
+
+    ``name`` is that of the mesh's own argument: ``mesh``, or ``--mesh`` where another file comes first.
+    """
     p = argparse.ArgumentParser(add_help=False)
-    p.add_argument("mesh", type=Path, metavar="MESH", help=formats.names(last=" or "))
+    required = {"required": True} if name.startswith("-") else {}
+    p.add_argument(name, type=Path, metavar="MESH", help=formats.names(last=" or "), **required)
     p.add_argument(
         "--size",
         type=float,
@@ -63,7 +78,8 @@ def mesh_arguments() -> argparse.ArgumentParser:
 class OneMesh:
     """The mesh of a command and the options of its stages.
 
-    Raises :class:`UsageError` before anything is computed. ``materials`` and ``modes`` are those of a simulation.
+    Raises :class:`UsageError` before anything is computed. ``materials`` and ``modes`` are those of a simulation;
+    without materials it serves any.
     """
 
     def __init__(self, arguments: argparse.Namespace, materials: Mapping[str, Material], modes: int):
@@ -82,9 +98,12 @@ class OneMesh:
         if arguments.hollow is not None and not 0 < arguments.hollow < 1:
             raise UsageError(f"--hollow must lie between 0 and 1, not {arguments.hollow:g}")
         thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
-        # No other material is going to be asked for, and a basis for one Poisson's ratio takes a fraction of the time.
-        ratios = [one.poisson for one in materials.values()]
-        basis = {"order": arguments.order, "modes": modes, "poisson_range": [min(ratios), max(ratios)]}
+        basis = {"order": arguments.order, "modes": modes}
+        if (
+            materials
+        ):  # no others will be asked for, and a basis for one Poisson's ratio takes a fraction of the time
+            ratios = [one.poisson for one in materials.values()]
+            basis["poisson_range"] = [min(ratios), max(ratios)]
         try:
             self.options = {
                 "sources": SourceEntry(origin="files"),
@@ -191,6 +210,16 @@ def check_writable(path: Path) -> None:
         raise UsageError(f"{path} is a folder; name a file in it")
 
 
+def write_facts(facts: dict, json: str | None) -> TextIO:
+    """Write facts to the file ``json``, or print them for ``-``, and return the stream for the summary beside them."""
+    if json == "-":
+        print(products.as_json(facts), end="")
+        return sys.stderr
+    if json:
+        products.write_json(json, facts)
+    return sys.stdout
+
+
 def as_flags(error: ConfigError, flags: Mapping[str, str]) -> str:
     """Return the text of mistakes in configuration keys, in terms of the options that set them."""
 
@@ -201,6 +230,28 @@ def as_flags(error: ConfigError, flags: Mapping[str, str]) -> str:
     return str(ConfigError(*map(as_flag, error.mistakes), subject="the command"))
 
 
+def read_material(text: str, named: Mapping[str, Mapping[str, float]]) -> Material:
+    """Return a material by its name, or by its numbers."""
+    if "," not in text:
+        if text not in named:
+            raise UsageError(unknown("material", text, named))
+        return validate(Material, dict(named[text]))
+    try:
+        numbers = [float(part) for part in text.split(",")]
+    except ValueError:
+        numbers = []
+    if len(numbers) not in (3, len(_MATERIAL_NUMBERS)):
+        raise UsageError(
+            f"--material takes a name, or Young's modulus in Pa, density in kg/m³ and Poisson's ratio such as "
+            f"7.2e10,2700,0.19, and then alpha and beta if they are known, not {text!r}"
+        )
+    damped = {name: MATERIALS[DEFAULT_MATERIAL][name] for name in _MATERIAL_NUMBERS[3:]}
+    try:
+        return validate(Material, damped | dict(zip(_MATERIAL_NUMBERS, numbers, strict=False)))
+    except ConfigError as error:
+        raise UsageError(f"--material {text}: {error}") from None
+
+
 def surface_warnings(clean: dict) -> list[str]:
     """Return the warnings about a cleaned surface."""
     from vibraverse.geometry.cleaning.cautions import cautions
@@ -209,11 +260,28 @@ def surface_warnings(clean: dict) -> list[str]:
 
 
 def size_warnings(clean: dict, options: MaterialModes) -> list[str]:
-    """Return the warning that the size of a cleaned surface is a guess, if it is."""
+    """Return the warning that the size of a cleaned surface is a guess, or is one that nobody may state, if it is."""
     size_m, origin = options.object_size(clean)
-    if origin != "default":
+    if origin == "default":
+        return [f"size: the file states no unit; its longest side is taken as {size_m:g} m; give --size"]
+    low, high = SIZE_M
+    if origin == "file" and not low <= size_m <= high:
+        return [
+            f"size: the longest side is {size_m:g} m in the file's own unit (from {low:g} to {high:g} m is plausible); "
+            "give --size if the file was made in another unit"
+        ]
+    return []
+
+
+def infrasound_warnings(frequencies_hz: list[float]) -> list[str]:
+    """Return the warning that modes of a body are too low to be heard, if some are."""
+    low = sum(frequency < AUDIBLE_HZ for frequency in frequencies_hz)
+    if not low:
         return []
-    return [f"size: the file states no unit; its longest side is taken as {size_m:g} m; give --size"]
+    return [
+        f"audio: {low} of {len(frequencies_hz)} modes are below {AUDIBLE_HZ:g} Hz and cannot be heard; "
+        "a smaller --size raises them"
+    ]
 
 
 def sound_warnings(rendered: Mapping, modes: int, less_damping: str) -> list[str]:

@@ -7,41 +7,37 @@ from __future__ import annotations
 
 import argparse
 import glob
-import sys
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from vibraverse.commands import run_arguments, run_config, run_paths
 from vibraverse.commands.one_mesh import (
+    DEFAULT_MATERIAL,
     OneMesh,
     check_installed,
     check_writable,
     mesh_arguments,
     progress,
+    read_material,
     size_warnings,
     sound_warnings,
     surface_warnings,
     work_folder,
+    write_facts,
 )
-from vibraverse.config import ConfigError, validate
 from vibraverse.config.learn import OBJECT
 from vibraverse.config.media import Audio
-from vibraverse.config.physics import Material
 from vibraverse.contract import products
 from vibraverse.contract.errors import UsageError
 from vibraverse.contract.step import BODY
-from vibraverse.contract.texts import DEFAULT_CONFIG, unknown
+from vibraverse.contract.texts import DEFAULT_CONFIG
 from vibraverse.flow.paths import Paths
 from vibraverse.flow.steps import BY_NAME
 from vibraverse.machine.threads import set_threads
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.upkeep.lineage import needed
-
-_DEFAULT_MATERIAL = "ceramic"
-#: The numbers of a material in their order; the first three suffice.
-_NUMBERS = ("young_pa", "density_kg_m3", "poisson", "alpha_per_s", "beta_s")
 
 
 def parser() -> argparse.ArgumentParser:
@@ -66,7 +62,7 @@ def parser() -> argparse.ArgumentParser:
         metavar="NAME|NUMBERS",
         help=f"names (of the configuration, or of {', '.join(MATERIALS)}), or numbers: Young's modulus in Pa, density "
         f"in kg/m³, Poisson's ratio and, for the sound, alpha in 1/s and beta in s, such as 7.2e10,2700,0.19 "
-        f"(default {_DEFAULT_MATERIAL})",
+        f"(default {DEFAULT_MATERIAL})",
     )
     p.add_argument(
         "--check",
@@ -94,11 +90,7 @@ def main(argv: list[str]) -> int:
 
     if arguments.sound:
         plan.write_sounds(facts)
-    if arguments.json == "-":
-        print(products.as_json(facts), end="")
-    elif arguments.json:
-        products.write_json(arguments.json, facts)
-    print_facts(facts, sys.stderr if arguments.json == "-" else sys.stdout)
+    print_facts(facts, write_facts(facts, arguments.json))
     return 0
 
 
@@ -115,8 +107,8 @@ class _Predict:
         named = dict(MATERIALS)
         if arguments.config or Path(DEFAULT_CONFIG).is_file():
             named |= {name: one.model_dump() for name, one in run_config(arguments).materials.items()}
-        asked = arguments.material or [_DEFAULT_MATERIAL]
-        self.materials = {text: _material(text, named) for text in asked}
+        asked = arguments.material or [DEFAULT_MATERIAL]
+        self.materials = {text: read_material(text, named) for text in asked}
         self.checked, self.sound = arguments.check, arguments.sound
         for path in (arguments.sound, arguments.json if arguments.json != "-" else None):
             if path is not None:
@@ -208,28 +200,6 @@ def _stages(last: str) -> list[str]:
     """Return the names of the stages that a stage of a body needs, itself included."""
     solidity = "hollow" if BY_NAME[last].per == BODY else ""
     return [made.step.name for made in needed(Paths(), "any", solidity, last)]
-
-
-def _material(text: str, named: Mapping[str, Mapping[str, float]]) -> Material:
-    """Return a material by its name, or by its numbers."""
-    if "," not in text:
-        if text not in named:
-            raise UsageError(unknown("material", text, named))
-        return validate(Material, dict(named[text]))
-    try:
-        numbers = [float(part) for part in text.split(",")]
-    except ValueError:
-        numbers = []
-    if len(numbers) not in (3, len(_NUMBERS)):
-        raise UsageError(
-            f"--material takes a name, or Young's modulus in Pa, density in kg/m³ and Poisson's ratio such as "
-            f"7.2e10,2700,0.19, and then alpha and beta if they are known, not {text!r}"
-        )
-    damped = {name: MATERIALS[_DEFAULT_MATERIAL][name] for name in _NUMBERS[3:]}
-    try:
-        return validate(Material, damped | dict(zip(_NUMBERS, numbers, strict=False)))
-    except ConfigError as error:
-        raise UsageError(f"--material {text}: {error}") from None
 
 
 def _best(paths: Paths) -> Path:

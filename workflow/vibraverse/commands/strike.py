@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import argparse
 import math
-import sys
 from pathlib import Path
 from typing import get_args
 
@@ -17,11 +16,13 @@ from vibraverse.commands.one_mesh import (
     OneMesh,
     as_flags,
     check_writable,
+    infrasound_warnings,
     mesh_arguments,
     size_warnings,
     sound_warnings,
     surface_warnings,
     work_folder,
+    write_facts,
 )
 from vibraverse.config import ConfigError, validate
 from vibraverse.config.media import Audio, Observable
@@ -103,11 +104,7 @@ def main(argv: list[str]) -> int:
         facts, sound = plan.run(folder)
     with products.whole(plan.output) as partial:
         partial.write_bytes(sound)
-    if arguments.json == "-":
-        print(products.as_json(facts), end="")
-    elif arguments.json:
-        products.write_json(arguments.json, facts)
-    _print_facts(facts, plan.output, sys.stderr if arguments.json == "-" else sys.stdout)
+    _print_facts(facts, plan.output, write_facts(facts, arguments.json))
     return 0
 
 
@@ -203,6 +200,7 @@ class _Strike:
                 f"modes: the estimated frequency error by the basis reaches {error.max():.1e} (at most {tolerance:.0e})"
             )
         warnings += sound_warnings(rendered, len(frequencies), "lower --alpha or --beta")
+        warnings += infrasound_warnings(frequencies.tolist())
         warnings += size_warnings(clean, self.mesh.options["modes"])
         return {
             "mesh": self.mesh.path.name,

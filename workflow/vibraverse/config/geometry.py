@@ -30,6 +30,10 @@ class Clean(Section):
     """Largest share of the volume that may be dropped. The largest of separate bodies is kept; the object is refused if
     the others hold more."""
 
+    max_joined: float = Field(0.25, ge=0)
+    """Largest relative change of the volume by a wrap that joins bodies which lie apart; a wrap beyond it is not taken,
+    and the largest body alone is kept or the object refused."""
+
     open_sheets: Literal["refuse", "thicken"] = "refuse"
     """Treatment of a surface that encloses no volume, such as a cloth or a terrain."""
 

@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 
 from vibraverse.config.base import Section
+from vibraverse.config.presets import OWN_PRESETS, PRESETS
 from vibraverse.config.training import Training
 from vibraverse.contract.texts import unknown
 
@@ -14,6 +15,9 @@ from vibraverse.contract.texts import unknown
 MODELS = {
     "frequencies": ("published", "physics", "ritz", "subspace"),
     "solidity": ("published", "ratios", "informed", "sound", "image", "material"),
+    "reconstruction": ("published", "truncated", "shuffled", "material", "silent"),
+    "cavity": ("sound", "outside"),
+    "retrieval": ("published", "contrast", "sized", "no_material"),
 }
 #: How the objects of a run are divided into those that are trained on and those that are not.
 OBJECT, SHUFFLED, FAMILY = "object", "shuffled", "family"
@@ -41,6 +45,15 @@ class Features(Section):
         default_factory=lambda: [1000, 3000], min_length=1
     )
     """Unknowns of the splines whose Ritz frequencies models may start from, ascending."""
+
+    voxel_points: int = Field(32_768, ge=64, le=1_000_000)
+    """Points on the coarse voxels of every object. They are drawn again when they are read, so they take no space."""
+
+    farthest: int = Field(1024, ge=16, le=16_384)
+    """How many of them are chosen, each farthest from those before it."""
+
+    distance_samples: int = Field(16_384, ge=64, le=1_000_000)
+    """Places evenly around a body with their signed distances, as many near its surface, and as many on it."""
 
     look: str = "clay"
     """Look of the pictures; one that shows no material."""
@@ -72,26 +85,23 @@ class Network(Section):
     layers: int = Field(3, ge=1, le=16)
     """Number of the fully connected layers."""
 
+    voxel_points: int = Field(2048, ge=64)
+    """Reconstruction: points on the voxels that the network sees, at most ``features.voxel_points``."""
 
-#: What a preset sets; keys that the configuration gives win.
-PRESETS: dict[str, dict[str, dict]] = {
-    "tiny": {
-        "training": {"steps": 60, "minutes": 2.0, "batch_size": 8, "validate_every": 20},
-        "network": {"points": 512, "depth": 4, "width": 64, "layers": 2},
-    },
-    "cpu": {
-        "training": {"steps": 6000, "minutes": 20.0, "batch_size": 16, "validate_every": 250},
-        "network": {"points": 2048, "depth": 5, "width": 256, "layers": 3},
-    },
-    "small": {
-        "training": {"steps": 20_000, "minutes": 10.0, "batch_size": 128, "workers": 4},
-        "network": {"points": 4096, "depth": 5, "width": 256, "layers": 3},
-    },
-    "paper": {
-        "training": {"steps": 100_000, "minutes": 100_000.0, "batch_size": 16, "workers": 4},
-        "network": {"points": 4096, "depth": 6, "width": 256, "layers": 3},
-    },
-}
+    latents: int = Field(64, ge=16)
+    """Reconstruction: latent tokens, at most ``features.farthest``. Their width is ``width``, a multiple of 64."""
+
+    encoder_blocks: int = Field(2, ge=0, le=64)
+    """Reconstruction: blocks of self-attention before the bottleneck."""
+
+    decoder_blocks: int = Field(3, ge=0, le=64)
+    """Reconstruction: blocks of self-attention after it."""
+
+    distances: int = Field(1024, ge=2)
+    """Reconstruction: signed distances of a body that a step compares, at most ``features.distance_samples``."""
+
+    cells: int = Field(48, ge=8, le=256)
+    """Reconstruction: cells along an axis of [-1, 1]³ on which a surface is extracted."""
 
 
 class LearningTask(Section):
@@ -108,6 +118,34 @@ class LearningTask(Section):
 
     splits: list[Split] = Field(default_factory=list)
     """Splits of this task; none: those of ``learn.splits``."""
+
+
+class DiffSound(Section):
+    """Shapes sought by descent through the physics, a baseline of task ``reconstruction`` that is not trained."""
+
+    bodies: int = Field(0, ge=0)
+    """Tested bodies of each split that are sought, each from two spectra; minutes each. 0: none."""
+
+    parts: int = Field(1, ge=1, le=1000)
+    """Jobs among which they are divided."""
+
+    cells: int = Field(24, ge=4, le=96)
+    """Cells of the lattice along an axis of [-1, 1]³; published are 64."""
+
+    iterations: int = Field(200, ge=1)
+    """Steps of the descent."""
+
+    width: int = Field(64, ge=4)
+    """Width of the network that changes the distance."""
+
+    layers: int = Field(3, ge=1, le=16)
+    """Number of its layers."""
+
+    learning_rate: float = Field(1e-3, gt=0)
+    """Learning rate of the descent."""
+
+    side_weight: float = Field(10.0, ge=0)
+    """Weight of known sides of the voxels' centres against the spectrum."""
 
 
 class RunOptions(Section):
@@ -148,6 +186,16 @@ class RunOptions(Section):
     """Size of the networks."""
 
 
+class DescentOptions(RunOptions):
+    """One part of the bodies that DiffSound seeks, which the workflow fills in."""
+
+    diffsound: DiffSound = DiffSound()
+    """How they are sought."""
+
+    part: int = Field(0, ge=0)
+    """Number of the part."""
+
+
 class Learn(Section):
     """Benchmark tasks on the dataset: ``snakemake learn``."""
 
@@ -178,7 +226,7 @@ class Learn(Section):
     """Arrays that training reads."""
 
     tasks: list[str] = Field(default_factory=lambda: list(MODELS), min_length=1)
-    """Tasks to train: ``frequencies``, ``solidity``."""
+    """Tasks to train: ``frequencies``, ``solidity``, ``reconstruction``, ``cavity``, ``retrieval``."""
 
     frequencies: LearningTask = LearningTask()
     """Predict the frequencies of a body from its shape and material."""
@@ -186,15 +234,29 @@ class Learn(Section):
     solidity: LearningTask = LearningTask()
     """Tell solid from hollow bodies by sound and picture."""
 
+    reconstruction: LearningTask = LearningTask()
+    """Reconstruct the shape of a body from coarse voxels, its sound and its material."""
+
+    diffsound: DiffSound = DiffSound()
+    """A baseline of task ``reconstruction``."""
+
+    cavity: LearningTask = LearningTask()
+    """Tell how thick the wall around the cavity of a hollow body is."""
+
+    retrieval: LearningTask = LearningTask()
+    """Find sound, picture and shape of a body by each other."""
+
     @model_validator(mode="after")
     def _settings_are_known(self):
-        for name in MODELS:
-            options = self.run(name, OBJECT, MODELS[name][0], self.seeds[0])
+        for name, model in ((name, model) for name, models in MODELS.items() for model in models):
+            options = self.run(name, OBJECT, model, self.seeds[0])
             if options.network.points > self.features.points:
                 raise ValueError(
                     f"{name}.network.points: the network asks for {options.network.points} points of "
                     f"{self.features.points}; lower it, or raise learn.features.points"
                 )
+            if name == "reconstruction":
+                _check_shape_network(options.network, self.features)
             batch = options.training.batch_size
             if self.gpus and batch % self.gpus:
                 raise ValueError(
@@ -225,7 +287,13 @@ class Learn(Section):
 
     def run(self, task: str, split: str, model: str, seed: int) -> RunOptions:
         """Return the options of one training: those of the preset, then those of the task."""
-        own, preset = getattr(self, task), PRESETS[self.preset]
+        own = getattr(self, task)
+        parts = [PRESETS[self.preset]]
+        parts += [OWN_PRESETS.get(name, {}).get(self.preset, {}) for name in (task, f"{task}/{model}")]
+        settings = {
+            name: {key: value for part in parts for key, value in part.get(name, {}).items()}
+            for name in ("training", "network")
+        }
         return RunOptions(
             task=task,
             split=split,
@@ -235,8 +303,8 @@ class Learn(Section):
             hold_out=self.hold_out,
             leave_out=self.leave_out,
             preset=self.preset,
-            training={**preset["training"], **own.training},
-            network={**preset["network"], **own.network},
+            training={**settings["training"], **own.training},
+            network={**settings["network"], **own.network},
         )
 
     def sides(self, task: str) -> list[str]:
@@ -246,3 +314,26 @@ class Learn(Section):
             for split in getattr(self, task).splits or self.splits
             for name in ([split] if split == OBJECT else [f"{split}-{fold}" for fold in range(self.folds)])
         ]
+
+
+def _check_shape_network(network: Network, features: Features) -> None:
+    """Raise :class:`ValueError` for a network of task ``reconstruction`` that cannot be built, or lacks features."""
+    if network.width % 64:
+        raise ValueError(
+            f"reconstruction.network.width is {network.width}; make it a multiple of 64, one per head"
+        )
+    for key, asked, bound, most in (
+        ("latents", network.latents, "reconstruction.network.voxel_points", network.voxel_points),
+        ("latents", network.latents, "learn.features.farthest", features.farthest),
+        ("voxel_points", network.voxel_points, "learn.features.voxel_points", features.voxel_points),
+        ("distances", network.distances, "learn.features.distance_samples", features.distance_samples),
+    ):
+        if asked > most:
+            raise ValueError(
+                f"reconstruction.network.{key}: the network asks for {asked}, and {bound} is {most}; lower the first, "
+                "or raise the second"
+            )
+    if features.farthest > features.voxel_points:
+        raise ValueError(
+            f"features.farthest: {features.farthest} of {features.voxel_points} voxel_points cannot be chosen; lower it"
+        )

@@ -21,6 +21,10 @@ class Generated(Section):
     first: NonNegativeInt = 0
     """Number of the first object of each family; another number gives a set without common objects."""
 
+    cavities: int = Field(1, ge=1, le=100)
+    """Objects of every shape. They are the same but for the thickness of their hollow body's wall, so only sound can
+    tell them apart; ``_2``, ``_3``, … at the end of the id count them."""
+
 
 class Files(Section):
     """Mesh files: a folder, a glob, or a manifest that lists them."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 #: What a stage has one job for: an object, one of its bodies, a shard, the dataset, a body on the page, a body with
-#: known frequencies, the whole validation, a training, a split of a task, or all of learning.
-OBJECT, BODY, SHARD, DATASET, SHOWN_BODY, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, LEARNING = (
+#: known frequencies, the whole validation, a training, a split of a task, a part of a split, or all of learning.
+OBJECT, BODY, SHARD, DATASET, SHOWN_BODY, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, PART, LEARNING = (
     "object",
     "body",
     "shard",
@@ -18,6 +18,7 @@ OBJECT, BODY, SHARD, DATASET, SHOWN_BODY, KNOWN_BODY, VALIDATION, TRAINING, COMP
     "validation",
     "training",
     "comparison",
+    "part",
     "learning",
 )
 #: What its products' paths carry.
@@ -29,6 +30,7 @@ _WILDCARDS = {
     KNOWN_BODY: ("body",),
     TRAINING: ("task", "split", "model", "seed"),
     COMPARISON: ("task", "split"),
+    PART: ("split", "part"),
 }
 
 

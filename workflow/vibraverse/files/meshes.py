@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import io
 import warnings
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from vibraverse.contract.refusal import said
 from vibraverse.files.formats import MeshData, known, names, of_file
 from vibraverse.files.opening import open_regular
 from vibraverse.files.reading.bounds import Bounds, TooLarge
+from vibraverse.files.reading.mistakes import Unsupported
 
 _EXPORT_AGAIN = "Export it again from the program that made it."
 _EXPORT_WHOLE = "Export it again, completely: the file seems cut off."
@@ -59,8 +61,9 @@ def read_mesh(
                 "too_large", f"{name} {said(error)}.", "Simplify the mesh, or raise clean.max_triangles."
             ) from None
         except (ValueError, OSError) as error:
+            advice = error.advice if isinstance(error, Unsupported) else _CHECK_NAME
             raise Refused(
-                "unreadable", f"{name} could not be read as {found.name}: {said(error)}.", _CHECK_NAME
+                "unreadable", f"{name} could not be read as {found.name}: {said(error)}.", advice
             ) from None
         return _checked(mesh, name)
 
@@ -70,7 +73,8 @@ def _checked(mesh: MeshData, name: str) -> MeshData:
     vertices = np.ascontiguousarray(mesh.vertices, dtype=np.float64).reshape(-1, 3)
     faces = np.ascontiguousarray(mesh.faces, dtype=np.int64).reshape(-1, 3)
     if len(vertices) == 0:
-        raise Refused("empty", f"{name} holds no vertices.", _EXPORT_AGAIN)
+        without = f" ({'; '.join(mesh.notes)})" if mesh.notes else ""
+        raise Refused("empty", f"{name} holds no vertices{without}.", _EXPORT_AGAIN)
     if len(faces) == 0:
         raise Refused(
             "empty",
@@ -92,7 +96,7 @@ def _checked(mesh: MeshData, name: str) -> MeshData:
             f"{name} has {bad} of {len(vertices)} vertices with a coordinate that is not a finite number.",
             "Remove those vertices, or export it again.",
         )
-    return MeshData(vertices, faces, mesh.unit_m, mesh.parts)
+    return replace(mesh, vertices=vertices, faces=faces)
 
 
 _PLY_HEADER = (

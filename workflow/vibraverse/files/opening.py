@@ -12,6 +12,7 @@ from vibraverse.contract.errors import Refused
 from vibraverse.contract.refusal import said
 from vibraverse.files.formats import of_file
 from vibraverse.files.reading.bounds import MAX_BYTES, TooLarge
+from vibraverse.files.reading.mistakes import Unsupported
 
 
 def open_regular(path: Path, name: str | None = None) -> BinaryIO:
@@ -57,6 +58,12 @@ def as_one_file(path: Path, target: Path) -> tuple[str, float | None]:
             except MemoryError:
                 raise Refused(
                     "too_large", f"{path.name} needs more memory than is available.", "Simplify the mesh."
+                ) from None
+            except Unsupported as error:
+                raise Refused(
+                    "unreadable",
+                    f"{path.name} could not be read as {format.name}: {said(error)}.",
+                    error.advice,
                 ) from None
             except (ValueError, OSError) as error:
                 raise Refused(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from vibraverse.contract.step import COMPARISON, LEARNING, SHARD, TRAINING, Input, Output, Step
+from vibraverse.contract.step import COMPARISON, LEARNING, PART, SHARD, TRAINING, Input, Output, Step
 
 #: Folder of one training, below the results.
 _TRAINED = "learn/{task}/{split}/{model}/seed-{seed}"
@@ -17,7 +17,7 @@ _SAMPLES = {
 LEARNING_STEPS = (
     Step(
         name="features",
-        version=4,
+        version=5,  # 5: signed distances and coarse voxels
         help="write the arrays of one shard that training reads",
         per=SHARD,
         family="learn",
@@ -32,7 +32,7 @@ LEARNING_STEPS = (
         },
         record="features",
         options="learn:Features",
-        libraries=("numpy", "h5py", "pillow", "scipy"),
+        libraries=("numpy", "h5py", "numba", "pillow", "scipy"),
         passes_refusals=False,
     ),
     Step(
@@ -72,7 +72,40 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "scipy", "scikit-fem", "torch", "torchvision", "ocnn"),
+        libraries=(
+            "numpy",
+            "scipy",
+            "scikit-fem",
+            "scikit-image",
+            "numba",
+            "torch",
+            "torchvision",
+            "ocnn",
+        ),
+        passes_refusals=False,
+    ),
+    Step(
+        name="diffsound",
+        version=1,
+        help="seek the shapes of some bodies by descent through the physics",
+        per=PART,
+        family="learn",
+        inputs=_SAMPLES,
+        outputs={
+            "found": Output(
+                "descents",
+                "learn/reconstruction/{split}/diffsound/{part}.npz",
+                "measures of what was found for every body",
+            ),
+            "record": Output(
+                "descents_record",
+                "learn/reconstruction/{split}/diffsound/{part}.json",
+                "bodies, seconds, how it was made (JSON)",
+            ),
+        },
+        record="record",
+        options="learn:DescentOptions",
+        libraries=("numpy", "scipy", "scikit-fem", "scikit-image", "numba", "torch"),
         passes_refusals=False,
     ),
     Step(
@@ -81,7 +114,10 @@ LEARNING_STEPS = (
         help="fit the simple predictors of a task, to compare with",
         per=COMPARISON,
         family="learn",
-        inputs=_SAMPLES,
+        inputs={
+            **_SAMPLES,
+            "descents": Input("descents", "what DiffSound found, in parts", many=True, optional=True),
+        },
         outputs={
             "record": Output(
                 "baselines", "learn/{task}/{split}/baselines.json", "measures of all baselines (JSON)"
@@ -89,7 +125,7 @@ LEARNING_STEPS = (
         },
         record="record",
         options="learn:RunOptions",
-        libraries=("numpy", "scipy", "scikit-learn"),
+        libraries=("numpy", "pillow", "scipy", "scikit-image", "scikit-learn", "numba"),
         passes_refusals=False,
     ),
     Step(

@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from vibraverse.config import Config, ConfigError, parse
+from vibraverse.config.learn import DescentOptions
 from vibraverse.contract.readable import unreadable
 from vibraverse.contract.slices import JOIN, shard_of, shards_of_slice
 from vibraverse.flow.paths import Paths
@@ -130,6 +131,14 @@ class Plan:
         return run.model_dump_json(
             include={"task", "model", "split", "seed", "folds", "hold_out", "leave_out"}
         )
+
+    def descent(self, wildcards) -> str:
+        """Return the JSON block of a part of the bodies that DiffSound seeks."""
+        learn = self.config.learn
+        run = learn.run("reconstruction", wildcards.split, learn.models("reconstruction")[0], 0)
+        fields = {"task", "model", "split", "seed", "folds", "hold_out", "leave_out", "network"}
+        chosen = {**run.model_dump(include=fields), "diffsound": learn.diffsound, "part": int(wildcards.part)}
+        return DescentOptions.model_validate(chosen).model_dump_json(include={*chosen})
 
     def trainings(self) -> list[dict[str, str]]:
         """Return the wildcards of all trainings."""

@@ -37,7 +37,7 @@ STEPS = (
     ),
     Step(
         name="clean",
-        version=2,
+        version=3,  # 3: parts that enclose nothing are left out, and the record says more
         help="make a closed, oriented, manifold surface in [-1, 1]³",
         per=OBJECT,
         family="geometry",
@@ -113,7 +113,7 @@ STEPS = (
         },
         record="record",
         options="geometry:Tets",
-        libraries=("gmsh", "meshio", "mmgpy", "numba", "pymeshlab", "vtk"),
+        libraries=("gmsh", "meshio", "mmgpy", "numba", "pymeshlab", "pytetwild", "vtk"),
         imports=("vibraverse.geometry.meshing.tets", "vibraverse.files.tets", "gmsh", "meshio"),
         packed="{solidity}/tets/record",
     ),

@@ -68,6 +68,13 @@ def baselines(plan: Plan) -> list[str]:
     ]
 
 
+def descents(plan: Plan, task: str, split: str) -> list[str]:
+    """Return what DiffSound finds for the bodies of a split, in parts; nothing for other tasks and without bodies."""
+    asked = plan.config.learn.diffsound
+    parts = range(min(asked.parts, asked.bodies)) if task == "reconstruction" else ()
+    return [plan.paths.at(plan.paths.descents, split=split, part=str(part)) for part in parts]
+
+
 def kept_splits(plan: Plan) -> list[str]:
     """Return the splits table of an earlier dataset, if the configuration keeps one."""
     kept = plan.config.dataset.keep_splits
@@ -130,6 +137,11 @@ def validation_comparisons(plan: Plan) -> list[str]:
 def validation_done(plan: Plan) -> list[str]:
     """Return the record of the validation if it exists, else nothing; the report shows it only then."""
     return [plan.paths.validation_record] if os.path.exists(plan.paths.validation_record) else []
+
+
+def files_argument(option: str, files: list[str]) -> str:
+    """Return the option that names files, for the shell; "" without files."""
+    return " ".join([f"--{option}", *map(quote, files)]) if files else ""
 
 
 def link_argument(option: str, page: str) -> str:

@@ -17,9 +17,9 @@ from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.distance.boxes import contains
 from vibraverse.geometry.distance.closest import ClosestPoint
 from vibraverse.geometry.distance.crossing import crossing_faces
-from vibraverse.geometry.grids import cell_centres
 from vibraverse.geometry.meshing.remesh import remesh
 from vibraverse.geometry.moments import principal_axes
+from vibraverse.geometry.voxels import cell_centres
 
 #: Samples wanted over the cavity's reach, and the largest factor by which they may be finer than the grid.
 _REACH_SAMPLES, _MAX_REFINEMENT = 3.0, 4.0

@@ -74,10 +74,15 @@ def parts(vertices: np.ndarray, faces: np.ndarray) -> list[Mesh]:
 
     Bodies that share only points, or an edge of four faces, are separate parts.
     """
+    label = part_numbers(faces)
+    return [surfaces.compact(vertices, faces[label == i]) for i in range(int(label.max(initial=-1)) + 1)]
+
+
+def part_numbers(faces: np.ndarray) -> np.ndarray:
+    """Return the number of the part (F,) that each face belongs to, as :func:`parts` tells them apart."""
     left, right = surfaces.neighbours(faces)
     graph = coo_array((np.ones(len(left), np.int8), (left // 3, right // 3)), shape=(len(faces),) * 2)
-    n, label = connected_components(graph, directed=False)
-    return [surfaces.compact(vertices, faces[label == i]) for i in range(n)]
+    return connected_components(graph, directed=False)[1]
 
 
 def _meshlab(vertices: np.ndarray, faces: np.ndarray):

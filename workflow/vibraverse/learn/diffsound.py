@@ -76,6 +76,18 @@ class Eigenvalues(torch.autograd.Function):
         return gradient @ ctx.slopes.to(gradient), None, None, None, None
 
 
+def eigenvalues(
+    field: Callable[[np.ndarray], np.ndarray], cells: int, poisson: float, modes: int
+) -> np.ndarray:
+    """Return ω² (modes,) of a signed distance's inside on a lattice, for unit density and Young's modulus.
+
+    Raises :class:`EmptyLevelSetError` if too little is inside.
+    """
+    grid = Grid(cells)
+    distance = torch.from_numpy(np.asarray(field(grid.points), dtype=float))
+    return Eigenvalues.apply(distance, grid, poisson, modes, 1.0).numpy()
+
+
 @dataclass(frozen=True)
 class Settings:
     """How long and how finely to search: lattice cells per side, iterations, size of the network, weights."""

@@ -4,6 +4,7 @@ An epoch of training that read the shards would decompress megabytes for every b
 plain arrays, which are memory-mapped. A body has its surface as points, its spectrum over Poisson's ratio, a few
 invariants and its frequencies in every named material; an object has its pictures, which both bodies share. Bodies
 have different numbers of tetrahedra, so those of all stand one below the other, and each body says which are its own.
+For the reconstruction of shapes a body has signed distances at places around it, and an object its coarse voxels.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import interp1d
+from scipy.interpolate import make_interp_spline
 
 from vibraverse.contract.seeds import rng
 from vibraverse.files.basis import read_basis
@@ -22,6 +23,7 @@ from vibraverse.learn import inside
 from vibraverse.learn.baselines.polynomials import polynomial_spaces
 from vibraverse.learn.baselines.splines import spline_modes, spline_space
 from vibraverse.learn.invariants import invariants
+from vibraverse.learn.sampling import distance_samples, farthest, sample_surface, voxel_cloud
 from vibraverse.learn.scaling import log_dimensionless
 from vibraverse.physics.modes import reduced_solve
 
@@ -40,8 +42,12 @@ ARRAYS = {
     "volume_m3": "volume in m³",
     "size_m": "longest side in m",
     "thickness": "t of a hollow body's cavity, not a number for a solid one",
-    "object_row": "row of the body's object in `views`",
+    "distance_places": "places (3, s, 3) in units of 2⁻¹⁵: even in [-1, 1]³, near the body's surface, on it",
+    "distances": "signed distance (2, s) of the even places and of those near the surface (normalised length)",
+    "object_row": "row of the body's object in the arrays of objects, which are the next three",
     "views": "pictures of an object (v, px, px, 3), 0 to 255",
+    "voxels": "occupancy of an object's outside (n, n, n)",
+    "farthest": "numbers (l,) of `voxel_points` points on its voxels, each farthest from those before",
     "mesh_points": "corners of all bodies' tetrahedra (3,) in the body's own frame, over V^(1/3)",
     "mesh_fields": "torsion function and harmonics (1 + h,) there, see `vibraverse.learn.inside`",
     "mesh_cells": "tetrahedra of all bodies (4,), as rows counted from the body's first",
@@ -77,8 +83,7 @@ def write_features(reader: Reader, folder: Path, options) -> dict:
         _put(folder, arrays, row, len(bodies), values)
     arrays |= write_meshes(folder, meshes)
     for row, object_ in enumerate(objects):
-        pictures = _pictures(reader, object_, options.look, options.view_px)
-        _put(folder, arrays, row, len(objects), {"views": pictures})
+        _put(folder, arrays, row, len(objects), _object(reader, object_, options))
     parameters = ("density_kg_m3", "young_pa", "poisson")
     return {
         "bodies": {
@@ -94,6 +99,7 @@ def write_features(reader: Reader, folder: Path, options) -> dict:
         "poisson": poisson.tolist(),
         "ritz_degrees": list(options.ritz_degrees),
         "ritz_unknowns": list(options.ritz_unknowns),
+        "voxel_points": options.voxel_points,
         "arrays": {
             name: {"shape": array.shape, "dtype": str(array.dtype), "meaning": ARRAYS[name]}
             for name, array in arrays.items()
@@ -140,7 +146,9 @@ def _body(reader: Reader, object_: str, solidity: str, materials: list[str], poi
         )
     frequencies = np.stack([reader.read("frequencies_hz", **place, material=name) for name in materials])
     cavity = reader.read("hollow", **place) if solidity == "hollow" else {"t": np.nan}
+    around = distance_samples(vertices, faces, options.distance_samples, rng(object_, solidity, "distances"))
     return {
+        **dict(zip(("distance_places", "distances"), around, strict=True)),
         **shape_arrays(vertices, faces, object_, solidity, frequencies.shape[1], options),
         "log_omega": spectrum(basis, poisson, frequencies.shape[1]).astype(np.float32),
         "frequencies_hz": frequencies,
@@ -219,18 +227,25 @@ def ritz_spectra(
     except ValueError as error:
         raise Unusable(f"learn.features.ritz_unknowns: {error}") from None
     found = log_dimensionless(np.stack(values, axis=1), surfaces.volume(vertices, faces))
-    return found if len(solved) == len(poisson) else interp1d(solved, found, axis=0)(poisson)
+    return found if len(solved) == len(poisson) else make_interp_spline(solved, found, k=1)(poisson)
 
 
-def sample_surface(vertices: np.ndarray, faces: np.ndarray, count: int, random) -> np.ndarray:
-    """Return points (count, 6) float32, uniform on a closed surface, with the unit normals of their triangles."""
-    normals, areas = surfaces.normals_and_areas(vertices, faces)
-    chosen = random.choice(len(faces), size=count, p=areas / areas.sum())
-    across = np.sqrt(random.random((count, 1)))
-    along = random.random((count, 1))
-    a, b, c = surfaces.corners(vertices, faces[chosen])
-    places = (1.0 - across) * a + across * (1.0 - along) * b + across * along * c
-    return np.concatenate([places, normals[chosen]], axis=1).astype(np.float32)
+def _object(reader: Reader, object_: str, options) -> dict:
+    """Return the row of an object in every array that its bodies share."""
+    voxels = reader.read("occupancy", object_)
+    return {
+        "views": _pictures(reader, object_, options.look, options.view_px),
+        **voxel_arrays(voxels, object_, options),
+    }
+
+
+def voxel_arrays(voxels: np.ndarray, object_: str, options) -> dict[str, np.ndarray]:
+    """Return the rows of an object in the arrays that follow from its occupied cells (n, n, n)."""
+    cloud = voxel_cloud(voxels, options.voxel_points, object_)
+    return {
+        "voxels": voxels.astype(np.uint8),
+        "farthest": farthest(cloud[:, :3], options.farthest).astype(np.int32),
+    }
 
 
 def _pictures(reader: Reader, object_: str, look: str, size_px: int) -> np.ndarray:

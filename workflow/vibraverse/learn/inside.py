@@ -21,8 +21,8 @@ import scipy.sparse as sp
 from scipy.sparse.linalg import eigsh, splu
 
 from vibraverse.contract.seeds import rng
+from vibraverse.geometry.boundary import boundary
 from vibraverse.geometry.meshing.quality import volumes as signed_volumes
-from vibraverse.physics.boundary import boundary
 
 #: Number of harmonics, the constant one not counted.
 HARMONICS = 16

@@ -11,7 +11,9 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
+from scipy.interpolate import interp1d
 
+from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.learn.metrics import LOWEST, bootstrap, frequency_errors, wilson
 from vibraverse.learn.samples import Samples
 from vibraverse.learn.scaling import scaled
@@ -20,6 +22,23 @@ from vibraverse.sources.families import GROUPS
 
 #: Bounds of the thickness t by which bodies are looked at.
 THICKNESS = (0.3, 0.4, 0.5, 0.6, 0.7)
+#: Error of t within which a wall's thickness counts as found.
+WALL = 0.05
+#: Measures of reconstructions, and how those of bodies are joined.
+RECONSTRUCTION: dict[str, Callable] = {
+    "iou": np.mean,
+    "band_error": np.mean,
+    "distance_error": np.mean,
+    "volume_error": np.median,
+    "chamfer": np.median,
+    "f_1%": np.mean,
+    "f_2%": np.mean,
+    "normals": np.mean,
+    "empty": np.mean,
+    "frequency_error": np.median,
+    "failed": np.mean,
+    "seconds": np.mean,
+}
 
 
 @dataclass
@@ -81,6 +100,57 @@ def judge_solidity(samples: Samples, bodies: np.ndarray, right: np.ndarray) -> l
         about = {"source": source, "measure": "accuracy", "count": count}
         rows.append({**about, "value": hits / count, "low": low, "high": high})
     return rows
+
+
+def judge_reconstruction(
+    samples: Samples, bodies: np.ndarray, poisson: np.ndarray, answers: dict[str, np.ndarray]
+) -> list[dict]:
+    """Return the rows of reconstructed bodies (n,), see :mod:`vibraverse.learn.reconstructions`.
+
+    Frequencies at Poisson's ratios (n,) are compared with those of the true surface by the same method. A surface that
+    no solid can have counts as wrong by 100 %.
+    """
+    failed = np.isnan(answers["log_omega"]).any(axis=1)
+    true = np.stack([_splines(samples, *one) for one in zip(bodies, poisson, strict=True)])
+    wrong = np.where(failed, 1.0, np.median(np.abs(np.expm1(answers["log_omega"] - true)), axis=1))
+    values = {
+        **{name: answers[name] for name in RECONSTRUCTION if name in answers},
+        "frequency_error": np.minimum(wrong, 1.0),
+        "failed": failed.astype(float),
+    }
+    rows = []
+    for source, mask in _sources(samples, bodies).items():
+        for name, statistic in RECONSTRUCTION.items():
+            known = mask & np.isfinite(values[name])  # there is no Chamfer distance without a surface
+            if known.any():
+                found, objects = values[name][known], samples.object[bodies[known]]
+                interval = {}
+                if source in ("all", "solid", "hollow"):
+                    interval = dict(zip(("low", "high"), bootstrap(found, objects, statistic), strict=True))
+                about = {"source": source, "measure": name, "count": int(known.sum())}
+                rows.append({**about, "value": float(statistic(found)), **interval})
+    return rows
+
+
+def judge_thickness(samples: Samples, bodies: np.ndarray, found: np.ndarray) -> list[dict]:
+    """Return the rows of thicknesses t (n,) that were found for hollow bodies (n,)."""
+    error = np.abs(found - samples.rows("thickness", bodies))
+    rows = []
+    for source, mask in _sources(samples, bodies).items():
+        low, high = bootstrap(error[mask], samples.object[bodies[mask]], np.mean)
+        about = {"source": source, "count": int(mask.sum())}
+        rows += [
+            {**about, "measure": "t_error", "value": float(error[mask].mean()), "low": low, "high": high},
+            {**about, "measure": f"t_within_{WALL:g}", "value": float((error[mask] <= WALL).mean())},
+        ]
+    return rows
+
+
+def _splines(samples: Samples, body: int, poisson: float) -> np.ndarray:
+    """Return the logarithms of ω (m,) of a body for E = ρ = 1 in normalised lengths, by the fewest splines."""
+    rows = samples.row("ritz", body)[:, len(samples.ritz_degrees)].astype(float)
+    volume = float(samples.row("volume_m3", body)) * (LONGEST_SIDE / float(samples.row("size_m", body))) ** 3
+    return interp1d(samples.poisson, rows, axis=0, fill_value="extrapolate")(poisson) - np.log(volume) / 3
 
 
 def _sources(samples: Samples, bodies: np.ndarray) -> dict[str, np.ndarray]:

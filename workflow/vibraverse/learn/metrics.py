@@ -8,6 +8,8 @@ import numpy as np
 MODE_GROUPS = {"1": slice(0, 1), "2-8": slice(1, 8), "9-64": slice(8, None)}
 #: Relative errors below which the first eight frequencies of a body count as found.
 WITHIN = (0.01, 0.03, 0.06)
+#: Distances, as shares of a body's longest side, within which points of a reconstructed surface count as found.
+NEAR = (0.01, 0.02)
 #: A prediction counts as at least this much: its ratio to the truth has a logarithm.
 LOWEST = 1e-3
 _Z = 1.959963984540054

@@ -15,6 +15,7 @@ from typing import Any
 
 import torch
 import torch.distributed as dist
+from torch.distributed.nn.functional import all_gather
 
 from vibraverse.contract.errors import NotStored, NotThere, UsageError
 
@@ -70,6 +71,17 @@ class Ranks:
         if kind:
             raise _SHARED[kind](message)
         return result
+
+
+def gathered(values: torch.Tensor) -> tuple[torch.Tensor, int]:
+    """Return the rows of all processes, in the order of their ranks, and where those of this process begin.
+
+    A gradient of the rows goes back to the processes they are from, as its sum over all processes. Each has equally
+    many rows, and every process must call it.
+    """
+    if not dist.is_initialized():
+        return values, 0
+    return torch.cat(all_gather(values.contiguous())), dist.get_rank() * len(values)
 
 
 @contextmanager

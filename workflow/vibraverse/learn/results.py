@@ -20,7 +20,7 @@ COLUMNS: dict[str, tuple[type, str]] = {
     "model": (str, "the model or baseline"),
     "split": (str, "`object`, or `family` over all its folds"),
     "side": (str, "`test`, or `held_out` for origins that are never trained on"),
-    "source": (str, "which bodies: all, of an origin, solid, hollow, of a thickness"),
+    "source": (str, "which bodies: all, of an origin, solid, hollow, of a thickness; which pools"),
     "measure": (str, "what is measured"),
     "value": (float, "mean over trainings"),
     "low": (float, "smallest over trainings, or the end of the interval of a single one"),

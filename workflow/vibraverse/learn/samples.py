@@ -13,6 +13,8 @@ from vibraverse.contract.products import read_json
 
 #: Name of the record in a folder of features.
 RECORD = "features.json"
+#: Arrays with a row per object, which both its bodies share.
+_OF_OBJECTS = ("views", "voxels", "farthest")
 
 
 @dataclass(frozen=True)
@@ -31,9 +33,11 @@ class Layout:
 class Samples:
     """The bodies of a dataset, sorted by object, the solid one first; arrays are memory-mapped.
 
-    ``object``, ``solidity``, ``origin`` and ``family`` are arrays of texts (n,). ``materials`` maps names to their
+    ``object``, ``solidity``, ``origin`` and ``family`` are arrays of texts (n,). ``original`` is the object that a
+    body's object is a copy of, or that object itself; :meth:`know_copies` says which. ``materials`` maps names to their
     parameters, ``poisson`` (k,) are the ratios at which ``log_omega`` and ``ritz`` are known, ``ritz_degrees`` and
-    ``ritz_unknowns`` the polynomials and splines in ``ritz``, one after the other. :meth:`rows` reads any array of
+    ``ritz_unknowns`` the polynomials and splines in ``ritz``, one after the other. ``voxel_points`` is the number of
+    points among which ``farthest`` were chosen. :meth:`rows` reads any array of
     :data:`vibraverse.learn.features.ARRAYS`.
 
     Raises :class:`ValueError` for features that do not belong together, or hold no body.
@@ -48,7 +52,7 @@ class Samples:
             )
         self.folders, records = list(records), list(records.values())
         for folder, record in zip(self.folders, records, strict=True):
-            for what in ("materials", "poisson", "ritz_degrees", "ritz_unknowns"):
+            for what in ("materials", "poisson", "ritz_degrees", "ritz_unknowns", "voxel_points"):
                 if record[what] != records[0][what]:
                     raise ValueError(
                         f"{folder} holds other {what} than {self.folders[0]}; run the same command again, which makes "
@@ -58,11 +62,13 @@ class Samples:
         self.poisson = np.array(records[0]["poisson"])
         self.ritz_degrees: list[int] = records[0]["ritz_degrees"]
         self.ritz_unknowns: list[int] = records[0]["ritz_unknowns"]
+        self.voxel_points: int = records[0]["voxel_points"]
         names = ("object", "solidity", "origin", "family")
         columns = {name: np.concatenate([one["bodies"][name] for one in records]) for name in names}
         counts = [len(one["bodies"]["object"]) for one in records]
         order = np.lexsort((columns["solidity"] == "hollow", columns["object"]))
         self.object, self.solidity, self.origin, self.family = (columns[name][order] for name in names)
+        self.original = self.object
         self._shard = np.repeat(np.arange(len(counts)), counts)[order]
         self._row = np.concatenate([np.arange(count) for count in counts])[order]
         self._maps: dict[str, list[np.ndarray]] = {}
@@ -73,10 +79,14 @@ class Samples:
     def __getstate__(self) -> dict:
         return {**self.__dict__, "_maps": {}}  # workers map the files themselves
 
+    def know_copies(self, copy_of: Mapping[str, str]) -> None:
+        """Learn which objects are copies of others; ``copy_of`` maps an object to its original, "" for none."""
+        self.original = np.array([copy_of[one] or one for one in self.object.tolist()])
+
     def row(self, name: str, body: int) -> np.ndarray:
-        """Return a body's row of an array, or that of its object for ``views``."""
+        """Return a body's row of an array, or that of its object."""
         shard, row = self._shard[body], self._row[body]
-        if name == "views":
+        if name in _OF_OBJECTS:
             row = self._map("object_row")[shard][row]
         return self._map(name)[shard][row]
 

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.physics.boundary import boundary
+from vibraverse.geometry.boundary import boundary
 from vibraverse.physics.columns import combine, signs
 from vibraverse.physics.eigensolver import RIGID, solve
 from vibraverse.physics.elasticity import Operators, assemble

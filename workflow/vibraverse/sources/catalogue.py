@@ -69,8 +69,10 @@ def _entries(config: Config):
             raise ConfigError(
                 f"sources.generated.families: {unknown('family', family, [*FAMILIES, *GROUPS])}"
             )
-    for object_ in generated_ids(sources.generated.count, families, sources.generated.first):
-        yield Entry(object_, "generated", {"origin": "generated"})
+    for shape in generated_ids(sources.generated.count, families, sources.generated.first):
+        for number in range(1, sources.generated.cavities + 1):
+            object_ = shape if number == 1 else f"{shape}_{number}"
+            yield Entry(object_, "generated", {"origin": "generated"})
     for object_ in dict.fromkeys(sources.bundled):
         if object_ not in BUNDLED:
             raise ConfigError(f"sources.bundled: {unknown('bundled model', object_, BUNDLED)}")

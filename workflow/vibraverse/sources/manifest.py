@@ -7,6 +7,7 @@ Snakemake reads the catalogue every time it starts. So this module uses only the
 from __future__ import annotations
 
 import csv
+import difflib
 import io
 import math
 import os
@@ -17,6 +18,7 @@ from pathlib import Path
 
 from vibraverse.contract.names import slug
 from vibraverse.files.formats import is_mesh, names
+from vibraverse.files.reading.lines import encoding_of
 from vibraverse.physics.plausible import size_mistake
 from vibraverse.sources.search import NoMeshes, wrong_characters
 
@@ -30,6 +32,12 @@ COLUMNS = {
 }
 
 _EXTENSIONS = (".csv", ".tsv")
+#: What programs write into an empty cell.
+_EMPTY = frozenset({"NaN", "nan", "NA", "N/A", "n/a", "<NA>", "NULL", "null", "None"})
+#: A column whose name is at least so similar to a known one is a misspelling; others are the owner's own.
+_MISSPELLED = 0.82
+#: Beginnings of names that mean a known column in another unit or spelling -> that column.
+_MEANT = {"size": "size_m", "licen": "licence"}
 
 
 @dataclass(frozen=True)
@@ -51,8 +59,8 @@ def is_manifest(path: str) -> bool:
 def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
     """Return the rows of a manifest, in order; ``categories``, if given, are the only valid ones.
 
-    The first line names the columns, separated by commas, semicolons or tabs. Raises :class:`NoMeshes`, which lists
-    every mistake with its line and column.
+    The first line names the columns, separated by commas, semicolons or tabs. Columns with other names, and one without
+    a name, are ignored. Raises :class:`NoMeshes`, which lists every mistake with its line and column.
     """
     manifest = Path(path).expanduser()
     header, lines = _table(manifest)
@@ -67,7 +75,8 @@ def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
                 "put quotes around a cell that holds a separator"
             )
             continue
-        values = {name: cells[at].strip() if at < len(cells) else "" for name, at in columns.items()}
+        values = {name: _cell(cells, at) for name, at in columns.items()}
+        values["path"] = _with_slashes(manifest.parent, values["path"])
         wrong = [
             f"line {line}, column {column}: {what}"
             for column, what in _row_mistakes(manifest, values, categories)
@@ -95,21 +104,10 @@ def read_manifest(path: str, categories: Sequence[str] = ()) -> list[Row]:
 
 def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
     """Return the cells of the first line, and the number and cells of every further line that is not empty."""
-    try:
-        if not stat.S_ISREG(manifest.stat().st_mode):
-            raise NoMeshes(f"the manifest {manifest} is not a file; name a CSV or TSV file")
-        text = manifest.read_bytes().decode("utf-8-sig")
-    except OSError as error:
-        raise NoMeshes(
-            f"the manifest {manifest} cannot be read ({error.strerror}); check path and permissions"
-        ) from None
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        raise NoMeshes(
-            f"the manifest {manifest}, line {line} is not UTF-8; save it as CSV in UTF-8"
-        ) from None
+    text = _text(manifest)
     first = text.partition("\n")[0]
-    separator = max(",;\t", key=first.count)
+    named = first[4:5] if first.lower().startswith("sep=") else ""  # as spreadsheets write it
+    separator = named or max(",;\t", key=first.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator, strict=True)
 
     def lines() -> Iterator[tuple[int, list[str]]]:
@@ -123,6 +121,8 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
             ) from None
 
     rows = lines()
+    if named:
+        next(rows)
     _, header = next(rows, (0, []))
     if not header:
         path, *others = COLUMNS
@@ -133,17 +133,49 @@ def _table(manifest: Path) -> tuple[list[str], Iterator[tuple[int, list[str]]]]:
     return [cell.strip() for cell in header], rows
 
 
+def _text(manifest: Path) -> str:
+    """Return the text of a manifest: UTF-8, or UTF-16 with a byte order mark, as spreadsheets save it."""
+    try:
+        if not stat.S_ISREG(manifest.stat().st_mode):
+            raise NoMeshes(f"the manifest {manifest} is not a file; name a CSV or TSV file")
+        data = manifest.read_bytes()
+        return data.decode(encoding_of(data[:4]) or "utf-8")
+    except OSError as error:
+        raise NoMeshes(
+            f"the manifest {manifest} cannot be read ({error.strerror}); check path and permissions"
+        ) from None
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        raise NoMeshes(
+            f"the manifest {manifest}, line {line} is not UTF-8; save it as CSV in UTF-8"
+        ) from None
+
+
+def _cell(cells: Sequence[str], at: int) -> str:
+    """Return the content of a cell; "" if it is missing or holds a word for nothing."""
+    text = cells[at].strip() if at < len(cells) else ""
+    return "" if text in _EMPTY else text
+
+
+def _with_slashes(folder: Path, path: str) -> str:
+    """Return a path with / for the backslashes of Windows, unless a file has them in its name."""
+    return path if "\\" not in path or (folder / path).exists() else path.replace("\\", "/")
+
+
 def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
-    """Return the position of each column; raises :class:`NoMeshes` for unknown, duplicate or missing names."""
+    """Return the position of each known column; raises :class:`NoMeshes` for a misspelt, double or missing one."""
     from vibraverse.contract.texts import unknown
 
     columns: dict[str, int] = {}
     mistakes = []
-    for at, name in enumerate(header):
-        name = name.lower()
+    names = [name.lower() for name in header]
+    for at, name in enumerate(names):
         if name not in COLUMNS:
-            mistakes.append(f"line 1, column {at + 1}: {unknown('column', name, COLUMNS)}")
-        elif name in columns:
+            meant = _meant(name)
+            if meant and meant not in names:
+                mistakes.append(f"line 1, column {at + 1}: {unknown('column', name, COLUMNS)}")
+            continue
+        if name in columns:
             mistakes.append(f"line 1, column {at + 1}: the column {name} appears twice; remove one")
         columns[name] = at
     if "path" not in columns:
@@ -151,6 +183,14 @@ def _columns(manifest: Path, header: list[str]) -> dict[str, int]:
     if mistakes:
         raise NoMeshes(_message(str(manifest), mistakes))
     return columns
+
+
+def _meant(name: str) -> str | None:
+    """Return the known column that a misspelt name probably means, or None for a column of the owner's own."""
+    near = difflib.get_close_matches(name, COLUMNS, n=1, cutoff=_MISSPELLED)
+    return (
+        near[0] if near else next((known for start, known in _MEANT.items() if name.startswith(start)), None)
+    )
 
 
 def _row_mistakes(
@@ -169,8 +209,7 @@ def _row_mistakes(
     else:
         wrong = _file_mistake(str(manifest.parent / path))
         if wrong:
-            hint = "; write / between folders" if "\\" in path else ""
-            yield "path", f"{path} {wrong}{hint}"
+            yield "path", f"{path} {wrong}"
     object_ = values.get("id")
     if object_ and slug(object_) != object_:
         yield (

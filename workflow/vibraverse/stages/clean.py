@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from vibraverse.contract.stage import Job
 
@@ -25,7 +25,7 @@ def run(job: Job) -> None:
 
     source = products.read_json(job.inputs["source_record"])
     limits = job.options.limits
-    body, source_triangles = run_limited(
+    body, mesh = run_limited(
         _read_and_clean,
         clean,  # imported before the fork, so that its libraries do not count against the child's memory limit
         job.inputs["mesh"],
@@ -47,13 +47,16 @@ def run(job: Job) -> None:
             "object": job.object,
             "rung": body.rung,
             "ladder": body.ladder,
-            "repairs": body.repairs,
+            "repairs": [*mesh.notes, *body.repairs],
+            "warnings": list(mesh.warnings),
             "dropped": {"parts": body.dropped_parts, "volume_share": body.dropped_share},
+            "left_out": {"parts": body.left_out_parts, "area_share": body.left_out_share},
+            "joined": {"bodies": body.joined_bodies, "volume_growth": body.joined_growth},
             "filled_cavities": body.filled_cavities,
             "deviation": asdict(body.deviation),
             "volume_change": body.volume_change,
             "area_change": body.area_change,
-            "source_triangles": source_triangles,
+            "source_triangles": mesh.triangles,
             "vertices": len(body.vertices),
             "triangles": len(body.faces),
             "centre": body.centre,
@@ -68,10 +71,18 @@ def run(job: Job) -> None:
     )
 
 
+class _Source(NamedTuple):
+    """What the record says of a mesh file."""
+
+    triangles: int
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
 def _read_and_clean(
     clean: Callable, path: Path, format: str, name: str | None, options: Clean
-) -> tuple[CleanSurface, int]:
-    """Return the cleaned body of a mesh file, and the number of triangles in the file."""
+) -> tuple[CleanSurface, _Source]:
+    """Return the cleaned body of a mesh file, and what its reader says."""
     from vibraverse.files.meshes import read_mesh
 
     mesh = read_mesh(path, format, name, options.max_triangles)
@@ -80,10 +91,11 @@ def _read_and_clean(
         mesh.faces,
         options.max_triangles,
         options.max_dropped,
+        options.max_joined,
         options.open_sheets,
         options.sheet_thickness,
     )
-    return body, len(mesh.faces)
+    return body, _Source(len(mesh.faces), mesh.notes, mesh.warnings)
 
 
 def prepare() -> None:

@@ -10,14 +10,14 @@ def run(job: Job) -> None:
     import numpy as np
 
     from vibraverse.files import meshes
-    from vibraverse.geometry import grids
+    from vibraverse.geometry import grids, voxels
 
     vertices, faces = meshes.read_ply(job.inputs["surface"])
     body = grids.Sampler(vertices, faces, job.threads)
     occupied, distance = body.occupancy(job.options.coarse), body.signed_distance(job.options.fine)
     if not occupied.any():
         occupied = grids.thickest_cell(distance, job.options.coarse)
-    write_obj(job.outputs["coarse"], *grids.coarse_mesh(occupied))
+    write_obj(job.outputs["coarse"], *voxels.coarse_mesh(occupied))
     write_grids(job.outputs["grids"], occupied.astype(np.uint8), distance, job.provenance("coarse"))
 
 

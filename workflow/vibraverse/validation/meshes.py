@@ -9,7 +9,7 @@ from vibraverse.geometry.cleaning.clean import clean
 from vibraverse.geometry.grids import Sampler
 from vibraverse.geometry.hollow import hollow
 from vibraverse.geometry.meshing.tets import TetMesh, tetrahedralise
-from vibraverse.sources.families.profiles import arc, revolve
+from vibraverse.geometry.profiles import arc, revolve
 from vibraverse.validation.bodies import Body
 
 #: Edge length on curved surfaces as a share of the radius; the facets' error stays far below the elements'.

@@ -27,12 +27,16 @@ class MeshData:
 
     ``vertices`` (V, 3) float64 are in the file's units, ``faces`` (F, 3) are int64. ``unit_m`` is metres per unit if
     the format states it (glTF is in metres, 3MF names its unit), else None. ``parts`` is the number of joined meshes.
+    ``notes`` say what the format has the reader leave out or subtract. ``warnings`` say what may be missing: sentences
+    for the owner of the file.
     """
 
     vertices: np.ndarray
     faces: np.ndarray
     unit_m: float | None = None
     parts: int = 1
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)

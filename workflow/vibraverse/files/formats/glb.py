@@ -8,7 +8,11 @@ from typing import BinaryIO
 from vibraverse.files.formats import Format, MeshData
 from vibraverse.files.reading.bounds import Bounds
 from vibraverse.files.reading.document import Fields, parse
+from vibraverse.files.reading.mistakes import Unsupported
 
+_AS_VERSION_2 = (
+    "Open it in a program that reads version 1, such as an older Blender, and export it as glTF 2.0."
+)
 _MAGIC, _JSON, _BIN = b"glTF", b"JSON", b"BIN\0"
 
 
@@ -18,14 +22,17 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
 
     document, binary = _chunks(file)
     check_version(document)
-    return MeshData(*joined(document, binary, bounds))
+    mesh, parts, notes, warnings = joined(document, binary, bounds)
+    return MeshData(*mesh, 1.0, parts, tuple(notes), tuple(warnings))
 
 
 def check_version(document: Fields) -> None:
-    """Raise ``ValueError`` for glTF 1.0, which has objects in place of lists."""
-    version = str(document.fields("asset").value.get("version")) if "asset" in document else ""
-    if version.startswith("1."):
-        raise ValueError(f"it is glTF version {version:.8}, and only version 2 is read")
+    """Raise :class:`Unsupported` for glTF 1.0, which has objects in place of lists and may state no version."""
+    version = str(document.fields("asset").value.get("version", "1.0")) if "asset" in document else "1.0"
+    lists = ("scenes", "nodes", "meshes", "accessors")
+    old = version.startswith("1.") and any(isinstance(document.value.get(name), dict) for name in lists)
+    if old or ("asset" in document and str(document.fields("asset").value.get("version")).startswith("1.")):
+        raise Unsupported(f"it is glTF version {version:.8}, and only version 2 is read", _AS_VERSION_2)
 
 
 def _chunks(file: BinaryIO) -> tuple[Fields, bytes]:
@@ -35,7 +42,7 @@ def _chunks(file: BinaryIO) -> tuple[Fields, bytes]:
         raise ValueError("it does not begin like a GLB file")
     version, _, length, _ = struct.unpack_from("<IIII", head, 4)
     if version != 2:
-        raise ValueError(f"it is of version {version}, and only version 2 is read")
+        raise Unsupported(f"it is glTF version {version}, and only version 2 is read", _AS_VERSION_2)
     if head[16:20] != _JSON:
         raise ValueError("its first chunk is not JSON")
     text = file.read(length)

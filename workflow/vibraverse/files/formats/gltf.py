@@ -14,6 +14,7 @@ from urllib.parse import unquote
 from vibraverse.files.formats import Format, glb
 from vibraverse.files.reading.bounds import MAX_BYTES, TooLarge
 from vibraverse.files.reading.document import data_uri, parse
+from vibraverse.files.reading.extensions import check
 
 _IMAGE_TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg"}
 
@@ -25,9 +26,11 @@ def pack(data: bytes, folder: Path) -> bytes:
     ``OSError`` if a buffer is missing, and :class:`TooLarge`.
     """
     document = parse(data)
+    glb.check_version(document)
     if "asset" not in document:
         raise ValueError("this is JSON, but not glTF")
-    glb.check_version(document)
+    if any("uri" not in buffer for buffer in document.items("buffers")):
+        check(document)  # a compressed mesh has a buffer without content
     blob = bytearray()
     starts = [_append(blob, _fetch(buffer.text("uri"), folder)) for buffer in document.items("buffers")]
     for view in document.items("bufferViews"):

@@ -7,7 +7,10 @@ from typing import BinaryIO
 
 from vibraverse.files.formats import Format, MeshData
 from vibraverse.files.reading.bounds import Bounds
-from vibraverse.files.reading.lines import invalid, rows
+from vibraverse.files.reading.lines import as_utf8, invalid, rows
+from vibraverse.files.reading.mistakes import Unsupported
+
+_AS_PLAIN_OFF = "Export it as text OFF with points of three coordinates, or in another format."
 
 
 def read(file: BinaryIO, bounds: Bounds) -> MeshData:
@@ -17,6 +20,7 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
     """
     from vibraverse.files.reading.polygons import Points, Polygons, triangulate
 
+    file = as_utf8(file)
     found = rows(file)
     count, faces = _counts(found)
     start = file.tell()
@@ -50,12 +54,17 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
 def _counts(found) -> tuple[int, int]:
     """Return the numbers of vertices and faces that the first rows announce."""
     number, first = next(found, (1, b""))
-    keyword = re.match(rb"(ST)?(C)?(N)?OFF", first)
+    keyword = re.match(rb"(ST)?(C)?(N)?(4)?(n)?OFF", first)
     if keyword is None:
         raise ValueError("it does not begin with OFF")
+    if keyword[4] or keyword[5]:
+        raise Unsupported(
+            f"it is of the kind {keyword[0].decode()}, whose points have other than three coordinates",
+            _AS_PLAIN_OFF,
+        )
     words = first[keyword.end() :].split()
     if words[:1] == [b"BINARY"]:
-        raise ValueError("it is a binary OFF file, and only its text form is read")
+        raise Unsupported("it is a binary OFF file, and only the text form is read", _AS_PLAIN_OFF)
     if not words:
         number, line = next(found, (number, b""))
         words = line.split()

@@ -13,6 +13,8 @@ from typing import BinaryIO
 
 from vibraverse.files.formats import Format, MeshData
 from vibraverse.files.reading.bounds import Bounds
+from vibraverse.files.reading.lines import as_utf8
+from vibraverse.files.reading.mistakes import Unsupported
 
 #: Type -> its code in ``struct``.
 _TYPES = {
@@ -46,36 +48,46 @@ class Element:
 
 
 def read(file: BinaryIO, bounds: Bounds) -> MeshData:
-    """Return the triangles of a PLY file."""
+    """Return the triangles of a PLY file: its faces, then its triangle strips."""
     import numpy as np
 
     from vibraverse.files.reading.polygons import triangulate
-    from vibraverse.files.reading.rows import Rows, numbers, polygons, positions
+    from vibraverse.files.reading.rows import Rows, numbers, polygons, positions, stripped
 
+    file = as_utf8(file)
     order, elements = _header(file)
     lengths = {element.name: element.length for element in elements}
     _check_length(file, order, elements)
     bounds.check(vertices=lengths.get("vertex", 0), triangles=lengths.get("face", 0))
-    if lengths.get("tristrips") and not lengths.get("face"):
-        raise ValueError("it holds triangle strips, and only faces are read")
+    if lengths.get("range_grid") and not lengths.get("face") and not lengths.get("tristrips"):
+        raise Unsupported(
+            "it holds a grid of measured points (range_grid) and no faces",
+            "Reconstruct a surface from the scan.",
+        )
     if order:
         rows = Rows(file.read(), order)
     else:
         rows = Rows(numbers(file, _NUMBERS_PER_TRIANGLE * bounds.max_triangles + 1000), "<")
         for element in elements:
             element.properties = [Property(p.name, "d", p.count and "d") for p in element.properties]
-    wanted = {"vertex", "face"} & set(lengths)
-    vertices, faces = np.zeros((0, 3)), None
+    wanted = {"vertex", "face", "tristrips"} & set(lengths)
+    vertices, faces, strips = np.zeros((0, 3)), None, np.zeros((0, 3), np.int64)
     for element in elements if wanted else ():
         columns = rows.columns(element)
         if element.name == "vertex":
             vertices = positions(columns)
         elif element.name == "face":
             faces = polygons(element, columns, bounds)
+        elif element.name == "tristrips":
+            strips = stripped(element, columns, bounds)
         wanted.discard(element.name)
         if not wanted:
             break
-    return MeshData(vertices, np.zeros((0, 3), np.int64) if faces is None else triangulate(vertices, *faces))
+    triangles = strips if faces is None else triangulate(vertices, *faces)
+    if faces is not None and len(strips):
+        triangles = np.concatenate([triangles, strips])
+        bounds.check(triangles=len(triangles))
+    return MeshData(vertices, triangles)
 
 
 def _header(file: BinaryIO) -> tuple[str, list[Element]]:

@@ -7,7 +7,7 @@ from typing import BinaryIO
 
 from vibraverse.files.formats import Format, MeshData
 from vibraverse.files.reading.bounds import Bounds
-from vibraverse.files.reading.lines import invalid, lines
+from vibraverse.files.reading.lines import as_utf8, encoding_of, invalid, lines
 
 _HEADER, _TRIANGLE = 84, 50
 
@@ -17,6 +17,10 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
     import numpy as np
 
     head = file.read(1024)
+    if _is_encoded_text(head):
+        file.seek(0)
+        file = as_utf8(file)
+        head = file.read(1024)
     size = file.seek(0, 2)
     file.seek(0)
     count = struct.unpack_from("<I", head, 80)[0] if len(head) >= _HEADER else None
@@ -37,6 +41,12 @@ def read(file: BinaryIO, bounds: Bounds) -> MeshData:
         triangles = np.frombuffer(file.read(needed - _HEADER), triangle)
         vertices = triangles["corners"].reshape(-1, 3).astype(np.float64)
     return MeshData(vertices, np.arange(len(vertices), dtype=np.int64).reshape(-1, 3))
+
+
+def _is_encoded_text(head: bytes) -> bool:
+    """Return whether a file begins with ``solid`` in UTF-16 or after a byte order mark; a binary header does not."""
+    encoding = encoding_of(head)
+    return encoding is not None and head.decode(encoding, "replace").lstrip()[:5].lower() == "solid"
 
 
 def _text(file: BinaryIO, bounds: Bounds):

@@ -117,6 +117,34 @@ def triangulate(vertices: np.ndarray, corners: np.ndarray, sizes: np.ndarray) ->
     return triangles
 
 
+def strips(corners: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
+    """Return the triangles (F, 3) of triangle strips, in their orientation: every other one is reversed.
+
+    ``corners`` (n,) holds the indices in sequence; a strip ends where ``ends`` (n,) is true, and the next begins after
+    it.
+    """
+    at, first = _windows(corners, ends)
+    reversed_ = (at - first) % 2
+    return np.stack([corners[at], corners[at + 1 + reversed_], corners[at + 2 - reversed_]], axis=1)
+
+
+def fans(corners: np.ndarray, ends: np.ndarray | None = None) -> np.ndarray:
+    """Return the triangles (F, 3) of triangle fans; ``corners`` and ``ends`` as for :func:`strips`."""
+    at, first = _windows(corners, ends)
+    return np.stack([corners[first], corners[at + 1], corners[at + 2]], axis=1)
+
+
+def _windows(corners: np.ndarray, ends: np.ndarray | None) -> tuple[np.ndarray, np.ndarray]:
+    """Return where three corners of one strip begin (F,), and where that strip begins (F,)."""
+    count = max(len(corners) - 2, 0)
+    at = np.arange(count)
+    if ends is None:
+        return at, np.zeros_like(at)
+    inside = ~(ends[:count] | ends[1 : count + 1] | ends[2 : count + 2])
+    after = np.where(ends[:count], at + 1, 0)
+    return at[inside], np.maximum.accumulate(after)[inside]
+
+
 def _fans(loops: np.ndarray) -> np.ndarray:
     """Return the triangles (P, n - 2, 3) of ``loops`` (P, n) as fans around their first corners."""
     first = np.broadcast_to(loops[:, :1], (len(loops), loops.shape[1] - 2))

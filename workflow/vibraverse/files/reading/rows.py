@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, BinaryIO
 import numpy as np
 
 from vibraverse.files.reading.bounds import Bounds, TooLarge
+from vibraverse.files.reading.polygons import strips
 
 if TYPE_CHECKING:
     from vibraverse.files.formats.ply import Element
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
 _CORNERS = ("vertex_indices", "vertex_index")
 _CHUNK_BYTES = 1 << 24
 _BLOCK_ROWS = 1 << 14
+
+#: Numbers that a triangle takes in strips of one triangle each.
+_MOST_CORNERS = 4
 
 
 def numbers(file: BinaryIO, most: int) -> bytes:
@@ -144,17 +148,41 @@ def positions(columns: dict) -> np.ndarray:
 
 def polygons(element: Element, columns: dict, bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
     """Return corners in sequence and their numbers for all faces with at least three."""
+    corners, sizes = _lists(element, columns)
+    bounds.check(triangles=int(np.maximum(sizes - 2, 0).sum()))
+    whole = _whole(corners)
+    if len(sizes) and sizes.min() < 3:  # points and edges bound nothing
+        return whole[np.repeat(sizes >= 3, sizes)], sizes[sizes >= 3]
+    return whole, sizes
+
+
+def stripped(element: Element, columns: dict, bounds: Bounds) -> np.ndarray:
+    """Return the triangles (F, 3) of triangle strips; -1 ends a strip, and so does the end of a row."""
+    corners, sizes = _lists(element, columns)
+    bounds.check(triangles=len(corners) // _MOST_CORNERS)
+    whole = _whole(corners)
+    if corners.dtype.kind == "u":  # which has no -1
+        whole[corners == np.iinfo(corners.dtype).max] = -1
+    whole = np.insert(whole, np.cumsum(sizes), -1)
+    triangles = strips(whole, whole == -1)
+    bounds.check(triangles=len(triangles))
+    return triangles
+
+
+def _lists(element: Element, columns: dict) -> tuple[np.ndarray, np.ndarray]:
+    """Return the vertex indices of an element's rows in sequence, and their number in each row."""
     lists = [prop.name for prop in element.properties if prop.count]
     name = next((name for name in _CORNERS if name in lists), lists[0] if len(lists) == 1 else None)
     if name is None:
-        raise ValueError("its faces have no list vertex_indices")
-    corners, sizes = columns[name]
-    bounds.check(triangles=int(np.maximum(sizes - 2, 0).sum()))
+        raise ValueError(f"its element {element.name} has no list vertex_indices")
+    return columns[name]
+
+
+def _whole(corners: np.ndarray) -> np.ndarray:
+    """Return vertex indices as int64."""
     if corners.dtype.kind == "f" and not (np.abs(corners) < 2.0**53).all():
         raise ValueError("a face has a corner that is no number of a vertex")
     whole = corners.astype(np.int64)
     if not (whole == corners).all():
         raise ValueError("a face has a corner that is no whole number")
-    if len(sizes) and sizes.min() < 3:  # points and edges bound nothing
-        return whole[np.repeat(sizes >= 3, sizes)], sizes[sizes >= 3]
-    return whole, sizes
+    return whole

@@ -18,6 +18,8 @@ class Attempt:
 
     max_dropped: float = 0.0
     """Share of the volume that dropping rungs may drop."""
+    max_joined: float = 0.0
+    """Share of the volume by which a wrap that joins separate bodies may change it."""
     thickness: float = 0.0
     """Thickness that thickening rungs give to sheets, in normalised units."""
     cache: dict[tuple, tuple[Attempt, list[Mesh] | Unfit]] = field(default_factory=dict)
@@ -28,6 +30,10 @@ class Attempt:
     """Bodies that were dropped."""
     dropped_share: float = 0.0
     """Their share of the volume."""
+    joined: int = 0
+    """Number of separate bodies that a wrap joined; 0 if it joined none."""
+    joined_growth: float = 0.0
+    """Relative change of their volume."""
     filled_cavities: int = 0
     """Number of inner shells, facing inwards, that were filled."""
 

@@ -11,22 +11,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from vibraverse.contract.errors import Refused
 from vibraverse.geometry import LONGEST_SIDE, Mesh, repair, surfaces
 from vibraverse.geometry.cleaning.attempt import Attempt, cached
 from vibraverse.geometry.cleaning.judge import Scattered, Sheet, Unfit, counted, is_solid, judge, without_area
 from vibraverse.geometry.cleaning.sheets import thicken
-from vibraverse.geometry.cleaning.wrapping import draw_in
+from vibraverse.geometry.cleaning.sifting import MAX_COVER, MIN_THICKNESS, WELD_DISTANCE
+from vibraverse.geometry.cleaning.wrapping import draw_in, holds
 from vibraverse.geometry.distance.boxes import contains
 from vibraverse.geometry.distance.crossing import crossing_faces
 from vibraverse.geometry.distance.deviation import Deviation, deviation
 
-#: Points closer than this are joined; in normalised units.
-_WELD_DISTANCE = 1e-5
 #: Separate pieces that hold at most this share of the volume are crumbs.
 _MAX_CRUMB_SHARE = 0.002
-#: A part whose mean thickness 2V/A is below this is flat; in normalised units.
-_MIN_THICKNESS = 1e-5
 #: Most crossing triangles that are resolved exactly; more would take minutes.
 _MAX_CROSSINGS = 3000
 #: Bodies that touch in an edge or a point move this far apart; in normalised units.
@@ -41,31 +37,37 @@ _MIN_WRAP_THICKNESS = 3.0
 _MAX_LOST = 0.01
 #: Share of a result's area that may be invented. The cover of a hemisphere is a third of the closed surface's area, so
 #: a bowl stays a bowl.
-_MAX_INVENTED = 0.3
+_MAX_INVENTED = MAX_COVER
 
 
 @dataclass(frozen=True)
 class Climb:
-    """The end of a climb: the rung, its result and notes, the deviation from the source, and earlier failures."""
+    """The end of a climb: the soup, the rung, its result and notes, and the deviation from the soup, if any."""
 
+    soup: Mesh
     rung: str
     body: Mesh
     attempt: Attempt
     deviation: Deviation | None
-    failed: list[dict[str, str]]
 
 
 def climb(
-    rungs: Sequence[tuple[str, Callable]], soup: Mesh, failed: list[dict[str, str]], **options: float
+    rungs: Sequence[tuple[str, Callable]],
+    soup: Mesh,
+    failed: list[dict[str, str]],
+    cache: dict,
+    encloses: bool = False,
+    **options: float,
 ) -> Climb:
     """Return the result of the first rung that makes a solid like the soup.
 
-    ``options`` are those of :class:`Attempt`. Failures are appended to ``failed`` as ``{"rung": …, "failed": …}``.
-    Raises :class:`Refused` when no rung is left, and :class:`Sheet` as soon as a rung finds that nothing is inside.
+    ``options`` are those of :class:`Attempt`, and so is ``cache``, which several climbs over one soup share. Failures
+    are appended to ``failed`` as ``{"rung": …, "failed": …}``. Raises the last rung's :class:`Unfit` when no rung is
+    left, and :class:`Sheet` as soon as a rung finds that nothing is inside, unless the soup ``encloses`` something.
     """
     from pymeshlab import PyMeshLabException
 
-    last, cache = Unfit("no repair to try"), {}
+    last = Unfit("no repair to try")
     for name, rung in rungs:
         attempt = Attempt(**options, cache=cache)
         try:
@@ -74,16 +76,14 @@ def climb(
             away = None if rung is as_it_is else _compare(soup, body, attempt, rung)
         except PyMeshLabException as error:
             last = Unfit(f"MeshLab: {str(error).splitlines()[-1].strip()}")
-        except Sheet as sheet:
-            failed.append({"rung": name, "failed": str(sheet)})
-            raise
         except Unfit as unfit:
             last = unfit
         else:
-            return Climb(name, body, attempt, away, failed)
+            return Climb(soup, name, body, attempt, away)
         failed.append({"rung": name, "failed": str(last)})
-    said = "; ".join(f"{entry['rung']}: {entry['failed']}" for entry in failed)
-    raise Refused(last.reason, f"No repair made the surface that of one solid. {said}.", last.advice)
+        if isinstance(last, Sheet) and not encloses:
+            break
+    raise last
 
 
 def _compare(soup: Mesh, body: Mesh, attempt: Attempt, rung: Callable) -> Deviation:
@@ -108,7 +108,7 @@ def as_it_is(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
 
 def weld(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
     """Merge points that are almost equal."""
-    joined, kept = repair.weld(vertices, faces, _WELD_DISTANCE)
+    joined, kept = repair.weld(vertices, faces, WELD_DISTANCE)
     kept = repair.drop_doubles(kept)
     if len(kept) < len(faces) or len(joined) < len(vertices):
         points, triangles = len(vertices) - len(joined), len(faces) - len(kept)
@@ -131,7 +131,7 @@ def unite(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
 
 def wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
     """Shrink-wrap everything, as finely as the holes allow."""
-    return _wrapped(vertices, faces, attempt, _MAX_CRUMB_SHARE)
+    return _noting_joined(vertices, faces, attempt, _wrapped(vertices, faces, attempt, _MAX_CRUMB_SHARE))
 
 
 def largest(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
@@ -141,7 +141,7 @@ def largest(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
 
 def largest_wrap(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
     """Keep the largest of separate wraps."""
-    return _wrapped(vertices, faces, attempt, attempt.max_dropped)
+    return _noting_joined(vertices, faces, attempt, _wrapped(vertices, faces, attempt, attempt.max_dropped))
 
 
 def thickened(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> Mesh:
@@ -167,16 +167,21 @@ def thickly_wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -
     return _largest(surfaces.components(*wrapped), attempt, attempt.max_dropped)
 
 
-#: The ladder, gentlest first: name -> function of the soup, which notes its changes and may raise Unfit.
-RUNGS: tuple[tuple[str, Callable], ...] = (
+#: The rungs that keep bodies apart, gentlest first: name -> function of the soup, which notes its changes and may raise
+#: Unfit. What they cannot mend may be due to parts that enclose nothing.
+GENTLE_RUNGS: tuple[tuple[str, Callable], ...] = (
     ("as-is", as_it_is),
     ("weld", weld),
     ("close", close),
     ("unite", unite),
+)
+#: The rungs above.
+SEVERE_RUNGS: tuple[tuple[str, Callable], ...] = (
     ("wrap", wrap),
     ("largest", largest),
     ("largest-wrap", largest_wrap),
 )
+RUNGS = GENTLE_RUNGS + SEVERE_RUNGS
 #: The ladder for open sheets that should be thickened.
 SHEET_RUNGS: tuple[tuple[str, Callable], ...] = (("thicken", thickened), ("thick-wrap", thickly_wrapped))
 #: Rungs that drop bodies on purpose, and rungs that make a body of an open sheet.
@@ -202,7 +207,7 @@ def _wraps(
 def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> list[Mesh]:
     """Return every part with its holes closed, facing outward, without the parts that enclose nothing."""
     bodies, inward, closed, flat = [], [], 0, 0
-    vertices, faces = repair.weld(vertices, faces, _WELD_DISTANCE)
+    vertices, faces = repair.weld(vertices, faces, WELD_DISTANCE)
     for points, loose in repair.parts(vertices, repair.drop_doubles(faces)):
         part = points, repair.orient(points, loose)
         turned = bool((part[1] != loose).any(axis=1).mean() > 0.5)
@@ -211,7 +216,7 @@ def _closed_parts(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt) -> 
             closed += 1
         part = _capless(*repair.separate(*part, _SEPARATION))
         found, enclosed = surfaces.topology(part[1], len(part[0])), surfaces.volume(*part)
-        if not found.closed_manifold or 2 * abs(enclosed) < _MIN_THICKNESS * surfaces.area(*part):
+        if not found.closed_manifold or 2 * abs(enclosed) < MIN_THICKNESS * surfaces.area(*part):
             flat += 1
             continue
         if enclosed < 0:
@@ -293,14 +298,14 @@ def _shells(points: np.ndarray, triangles: np.ndarray, attempt: Attempt) -> list
     points, triangles = repair.weld(points, triangles)
     shells = surfaces.components(*repair.separate(points, triangles, _SEPARATION))
     volumes = [surfaces.volume(*shell) for shell in shells]
-    attempt.filled_cavities += sum(volume < -_MIN_THICKNESS * max(volumes) for volume in volumes)
+    attempt.filled_cavities += sum(volume < -MIN_THICKNESS * max(volumes) for volume in volumes)
     return [shell for shell, volume in zip(shells, volumes, strict=True) if volume > 0]
 
 
 def _without_slivers(points: np.ndarray, triangles: np.ndarray) -> Mesh:
     """Return a body without the slivers that cutting leaves, if it stays a solid."""
     try:
-        smooth = repair.simplify(points, triangles, _WELD_DISTANCE)
+        smooth = repair.simplify(points, triangles, WELD_DISTANCE)
     except ValueError:
         return points, triangles
     return smooth if is_solid(*smooth) else (points, triangles)
@@ -337,6 +342,31 @@ def _wrapped(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, may_drop
     body, trial = best
     attempt.notes += trial.notes
     attempt.dropped, attempt.dropped_share = trial.dropped, trial.dropped_share
+    return body
+
+
+def _noting_joined(vertices: np.ndarray, faces: np.ndarray, attempt: Attempt, body: Mesh) -> Mesh:
+    """Return a wrap, noting how many separate bodies it joins.
+
+    Raises :class:`Unfit` if that changes their volume by more than the share ``max_joined``.
+    """
+    try:
+        pieces = _bodies(vertices, faces, Attempt(cache=attempt.cache))
+    except Unfit:  # parts that cannot be told apart
+        return body
+    volumes = np.array([surfaces.volume(*piece) for piece in pieces if holds(body, piece, _MAX_LOST)])
+    count = int((volumes > _MAX_CRUMB_SHARE * volumes.sum()).sum())
+    if count < 2:
+        return body
+    change = surfaces.volume(*body) / float(volumes.sum()) - 1
+    bodies = f"{count} bodies that lie apart"
+    if abs(change) > attempt.max_joined:
+        raise Scattered(
+            f"joining {bodies} would change their volume by {100 * change:+.3g} %; "
+            f"at most {100 * attempt.max_joined:g} % are allowed"
+        )
+    attempt.notes.append(f"joined {bodies}, which changed their volume by {100 * change:+.2g} %")
+    attempt.joined, attempt.joined_growth = count, change
     return body
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from vibraverse.geometry import Mesh, surfaces
+from vibraverse.geometry.distance.boxes import contains
 from vibraverse.geometry.distance.closest import ClosestPoint
 from vibraverse.geometry.distance.crossing import crossing_faces
 from vibraverse.geometry.distance.sight import depth_below
@@ -21,6 +22,8 @@ _MAX_STEPS = 8
 _GAP_DISTANCE = 1.2
 #: The motion ends when no vertex moves by more than this share of the distance.
 _MIN_MOVE = 0.02
+#: Most points of a piece that show whether a wrap holds it.
+_MAX_PROBES = 100
 
 
 def draw_in(points: np.ndarray, triangles: np.ndarray, distance: float, soup: Mesh) -> Mesh:
@@ -48,6 +51,13 @@ def draw_in(points: np.ndarray, triangles: np.ndarray, distance: float, soup: Me
         if moved < _MIN_MOVE * distance:
             break
     return points, triangles
+
+
+def holds(body: Mesh, piece: Mesh, distance: float) -> bool:
+    """Return whether most of a piece lies in a body, or nearer to its surface than a share of the diagonal."""
+    points = piece[0][:: len(piece[0]) // _MAX_PROBES + 1]
+    near = ClosestPoint(*body).distance(points) < distance * np.linalg.norm(np.ptp(body[0], axis=0))
+    return bool((near | contains(*body, points)).mean() > 0.5)
 
 
 def _thickness(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray, most: float) -> np.ndarray:

@@ -145,7 +145,7 @@ def _remesh_and_fit(
     tolerated = min(_DEVIATION_LIMIT * deviation, _THICKNESS_LIMIT * 2 * wanted / area(*body))
 
     def fit(points: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        fitted = _fitted(closest, wanted, points, triangles, tolerated if tied else np.inf)
+        fitted = fit_to(closest, wanted, points, triangles, tolerated if tied else np.inf)
         if yielding:
             fitted = _yield(points, fitted, triangles)
         return fitted, closest.distance(_samples(fitted, triangles)).reshape(-1, 3).max(axis=1) > tolerated
@@ -264,7 +264,7 @@ def _refined(vertices: np.ndarray, sizes: np.ndarray, points: np.ndarray, crossi
     return np.where(around, np.minimum(sizes, 0.5 * lengths.mean(axis=1)[nearest]), sizes)
 
 
-def _fitted(
+def fit_to(
     closest: ClosestPoint, wanted: float, points: np.ndarray, triangles: np.ndarray, tied: float
 ) -> np.ndarray:
     """Return ``points`` moved so that ``triangles`` deviate from the original evenly and enclose its volume.

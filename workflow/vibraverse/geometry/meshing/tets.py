@@ -2,11 +2,13 @@
 
 The surface is remeshed at a size that gives about the wanted number of elements, then filled. Inner shells are
 treated like any other, so the mesher cannot tell solid from hollow. Recipes differ in the angle above which edges
-stay sharp. All bodies start with the same recipe; the next is tried only if that gives no valid mesh.
+stay sharp. All bodies start with the same recipe; the next is tried only if that gives no valid mesh. Where all fail,
+or their tools crash, fTetWild fills a surface that it keeps within an envelope.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
 
@@ -14,9 +16,11 @@ import numpy as np
 
 from vibraverse.contract.errors import Refused
 from vibraverse.geometry import Mesh, surfaces
+from vibraverse.geometry.boundary import boundary
 from vibraverse.geometry.distance.sight import depth_below
 from vibraverse.geometry.meshing import quality
 from vibraverse.geometry.meshing.cautions import cautions
+from vibraverse.geometry.meshing.envelope import ENVELOPES, fill_within
 from vibraverse.geometry.meshing.fill import ALGORITHMS, fill, ordered
 from vibraverse.geometry.meshing.remesh import EvenSurface, SheetsMeet
 from vibraverse.geometry.meshing.sizing import Sizing
@@ -81,21 +85,27 @@ class _Trial:
 
 
 def mesh_body(vertices: np.ndarray, faces: np.ndarray, options) -> TetMesh:
-    """Run :func:`tetrahedralise` in a child process; ``options`` is the section ``tets`` of the configuration."""
+    """Do what :func:`tetrahedralise` does in child processes; ``options`` is the section ``tets`` of the configuration.
+
+    Each way has the limits for itself, so one that hangs or crashes costs no more than them.
+    """
     from vibraverse.contract.limits import run_limited
 
-    return run_limited(
-        tetrahedralise,
-        vertices,
-        faces,
-        options.target_elements,
-        options.max_volume_change,
-        options.min_dihedral_deg,
-        seconds=options.limits.seconds,
-        memory_mb=options.limits.memory_mb,
-        key="tets.limits",
-        what="The mesher",
-    )
+    def attempt(way: Callable, tools: str) -> TetMesh:
+        return run_limited(
+            way,
+            vertices,
+            faces,
+            _Demands.of(
+                vertices, faces, options.target_elements, options.max_volume_change, options.min_dihedral_deg
+            ),
+            seconds=options.limits.seconds,
+            memory_mb=options.limits.memory_mb,
+            key="tets.limits",
+            what=tools,
+        )
+
+    return _first(attempt)
 
 
 def tetrahedralise(
@@ -108,19 +118,52 @@ def tetrahedralise(
     """Fill a closed, oriented, manifold surface with about ``target_elements`` tetrahedra.
 
     Thin-walled bodies may get twice as many. ``vertices`` (V, 3), ``faces`` (F, 3); shells inside the outermost one are
-    cavities, with normals that point into them. Raises :class:`Refused` with reason ``meshing_failed`` when no recipe
+    cavities, with normals that point into them. Raises :class:`Refused` with reason ``meshing_failed`` when nothing
     gives a valid mesh: one whose volume differs from the surface's by at most the share ``max_volume_change`` and whose
     dihedral angles are at least ``min_dihedral_deg``.
     """
-    body = _Body(vertices, faces, max(_MIN_TRIANGLE_LIMIT, _TRIANGLES_PER_ELEMENT * target_elements))
-    size = body.size_for(target_elements)
+    demands = _Demands.of(vertices, faces, target_elements, max_volume_change, min_dihedral_deg)
+    return _first(lambda way, tools: way(vertices, faces, demands))
+
+
+def _first(attempt: Callable[[Callable, str], TetMesh]) -> TetMesh:
+    """Return what the first way of meshing gives that is not refused; ``attempt`` calls one with its tools' names."""
+    refusals = []
+    for way, tools in ((_by_recipes, "gmsh with Mmg"), (_within_envelope, "fTetWild")):
+        try:
+            return attempt(way, tools)
+        except Refused as refused:
+            refusals.append(refused)
+    first = refusals[0]
+    said = " ".join(dict.fromkeys(refused.message for refused in refusals))
+    raise Refused(first.reason, f"Nothing filled the surface with tetrahedra. {said}", first.advice)
+
+
+@dataclass(frozen=True)
+class _Demands:
+    """What a mesh must fulfil: about so many ``elements``, the ``volume`` but for a share, the least angle."""
+
+    elements: int
+    volume: float
+    max_change: float
+    min_dihedral_deg: float
+
+    @classmethod
+    def of(cls, vertices, faces, elements: int, max_change: float, min_dihedral_deg: float) -> _Demands:
+        """Return the demands on the mesh of a surface."""
+        return cls(elements, surfaces.volume(vertices, faces), max_change, min_dihedral_deg)
+
+
+def _by_recipes(vertices: np.ndarray, faces: np.ndarray, demands: _Demands) -> TetMesh:
+    """Return the mesh of the first recipe that gives a valid one; raise :class:`Refused` if none does."""
+    body = _Body(vertices, faces, max(_MIN_TRIANGLE_LIMIT, _TRIANGLES_PER_ELEMENT * demands.elements))
+    size, met = body.size_for(demands.elements), False
     complaints: list[str] = []
-    met = False
     for body.yielding, ridge_deg in product((False, True), RIDGES_DEG):
         if body.yielding and not met:
             break
         try:
-            trials = _search_size(body, ridge_deg, size, target_elements)
+            trials = _search_size(body, ridge_deg, size, demands.elements)
         except (Refused, RuntimeError) as error:
             met = met or isinstance(error, SheetsMeet)
             complaints.append(getattr(error, "message", str(error)).rstrip("."))
@@ -129,24 +172,35 @@ def tetrahedralise(
         # Another size with the same ridges changes the body less than another recipe.
         for trial, algorithm in product(trials[:_MAX_CANDIDATES], ALGORITHMS):
             try:
-                nodes, cells = fill(trial.points, trial.triangles, algorithm)
-                table = quality.table(nodes, cells)
-                _check(nodes, cells, table, trial, body.volume, max_volume_change, min_dihedral_deg)
+                filled = fill(trial.points, trial.triangles, algorithm)
+                recipe = {"ridge_deg": ridge_deg, "algorithm": algorithm, "wanted": round(trial.wanted)}
+                return _checked(*filled, (trial.points, trial.triangles), demands, recipe)
             except Refused as refused:
                 complaints.append(refused.message.rstrip("."))
-                continue
-            table = {
-                "ridge_deg": ridge_deg,
-                "algorithm": algorithm,
-                "wanted": round(trial.wanted),
-                **table,
-                "layers": _layers(trial),
-            }
-            nodes, cells = ordered(nodes, cells)
-            return TetMesh(nodes, cells, table, cautions(len(cells), target_elements))
-    raise Refused(
+    raise _failed("gmsh with Mmg", complaints)
+
+
+def _within_envelope(vertices: np.ndarray, faces: np.ndarray, demands: _Demands) -> TetMesh:
+    """Return a mesh whose surface stays within an envelope of the body's; raise :class:`Refused` if it is not valid."""
+    body = _Body(vertices, faces, np.inf)
+    complaints = []
+    for share in ENVELOPES:
+        try:
+            points, cells = fill_within(
+                vertices, faces, body.size_for(demands.elements), share * body.thickness
+            )
+            triangles, nodes = boundary(cells)
+            recipe = {"ridge_deg": None, "algorithm": "ftetwild", "wanted": demands.elements}
+            return _checked(points, cells, (points[nodes], triangles), demands, recipe)
+        except Refused as refused:
+            complaints.append(refused.message.rstrip("."))
+    raise _failed("fTetWild", complaints)
+
+
+def _failed(tools: str, complaints: list[str]) -> Refused:
+    return Refused(
         "meshing_failed",
-        f"No recipe filled the surface with tetrahedra: {'; '.join(dict.fromkeys(complaints))}.",
+        f"{tools}: {'; '.join(dict.fromkeys(complaints))}.",
         "Repair or simplify the mesh, or raise tets.target_elements.",
     )
 
@@ -155,7 +209,7 @@ class _Body:
     """The surface of a body, with cached values; ``most`` bounds the triangles of remeshed surfaces."""
 
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, most: float):
-        self._surface, self._most = (vertices, faces), most
+        self.surface, self._most = (vertices, faces), most
         self.volume, self.area = surfaces.volume(vertices, faces), surfaces.area(vertices, faces)
         self.thickness = 2 * self.volume / self.area
         self._even: dict[float, EvenSurface] = {}
@@ -178,8 +232,8 @@ class _Body:
         """Return the surface remeshed with triangles of about ``size``."""
         even = self._even.get(ridge_deg)
         if even is None or size < _MIN_REUSE * even.size:
-            sizing = Sizing(*self._surface, size)
-            even = EvenSurface(*self._surface, size, sizing, _MAX_DEVIATION * size, ridge_deg, self._most)
+            sizing = Sizing(*self.surface, size)
+            even = EvenSurface(*self.surface, size, sizing, _MAX_DEVIATION * size, ridge_deg, self._most)
             self._even[ridge_deg] = even
         return even.remesh(size, _MAX_DEVIATION * size, self.yielding)
 
@@ -234,31 +288,32 @@ def _exponent(tried: list[_Trial]) -> float:
     return float(np.clip(step / apart, 0.25, 1.5)) if step * apart > 0 else 1.5
 
 
-def _check(
-    nodes, cells, table, trial: _Trial, wanted: float, max_change: float, min_dihedral_deg: float
-) -> None:
-    """Raise :class:`Refused` unless the tetrahedra are a valid mesh of a body with the ``wanted`` volume."""
-    volumes = quality.volumes(nodes, cells)
+def _checked(
+    points: np.ndarray, cells: np.ndarray, surface: Mesh, demands: _Demands, recipe: dict
+) -> TetMesh:
+    """Return the mesh with its quality table; raise :class:`Refused` unless it fills its surface and is as demanded."""
+    table = quality.table(points, cells)
+    volumes, enclosed = quality.volumes(points, cells), surfaces.volume(*surface)
     if volumes.min() <= 0:
         raise Refused("meshing_failed", f"{(volumes <= 0).sum()} tetrahedra are flat or turned inside out")
-    enclosed = surfaces.volume(trial.points, trial.triangles)
     if abs(volumes.sum() - enclosed) > 1e-9 * enclosed:
         raise Refused("meshing_failed", "the tetrahedra do not fill the surface")
-    if quality.parts(cells, len(nodes)) != 1:
+    if quality.parts(cells, len(points)) != 1:
         raise Refused("meshing_failed", "the tetrahedra fall apart")
-    change = abs(volumes.sum() / wanted - 1.0)
-    if change > max_change:
+    change = abs(volumes.sum() / demands.volume - 1.0)
+    if change > demands.max_change:
         raise Refused("meshing_failed", f"remeshing the surface changed the volume by {100 * change:.2g} %")
     angle = table["min_dihedral_deg"]["min"]
-    if angle < min_dihedral_deg:
+    if angle < demands.min_dihedral_deg:
         raise Refused(
             "meshing_failed", f"a tetrahedron has an angle of {angle:.2g} degrees between two faces"
         )
+    table = {**recipe, **table, "layers": _layers(*surface)}
+    return TetMesh(*ordered(points, cells), table, cautions(len(cells), demands.elements))
 
 
-def _layers(trial: _Trial) -> dict:
-    """Return statistics over the surface of the number of elements between opposite sides."""
-    points, triangles = trial.points, trial.triangles
+def _layers(points: np.ndarray, triangles: np.ndarray) -> dict:
+    """Return statistics over a surface of the number of elements between its opposite sides."""
     lengths = np.repeat(surfaces.edge_lengths(points, triangles).mean(axis=1), 3)
     around = np.bincount(triangles.ravel(), lengths) / np.bincount(triangles.ravel())
     depth = depth_below(points, triangles, surfaces.vertex_normals(points, triangles), _MAX_DEPTH)

@@ -115,7 +115,7 @@ def spline_ritz(
 def spline_space(vertices: np.ndarray, faces: np.ndarray, unknowns: int) -> SplineSpace:
     """Return the splines of the solid in a closed surface (V, 3), (F, 3), about ``unknowns`` of them.
 
-    Cells are made smaller until more splines would reach into the solid.
+    Cells are made smaller until more splines would reach into the solid. Raises :class:`ValueError` for one too thin.
     """
     axes, low, high = principal_box(vertices, faces)
     longest_first = np.argsort(low - high)
@@ -129,6 +129,8 @@ def spline_space(vertices: np.ndarray, faces: np.ndarray, unknowns: int) -> Spli
         width, _, height = sides / cells
         rods = cut_rods((corners - low) / sides * cells, faces, cells, width / height)
         found = 3 * int(_reached(rods.cell, cells).sum())
+        if not found:
+            raise ValueError("The solid is so thin that no line of a rod meets it; give a thicker one")
         if best is None or found <= unknowns:
             best = rods, cells
         if found >= 0.85 * unknowns or longest >= _MOST_CELLS:

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from vibraverse.geometry.boundary import boundary
 from vibraverse.learn.baselines.galerkin import at_nodes
 from vibraverse.learn.baselines.polynomials import polynomial_space
-from vibraverse.physics.boundary import boundary
 from vibraverse.physics.eigensolver import solve
 from vibraverse.physics.elasticity import Operators, assemble
 

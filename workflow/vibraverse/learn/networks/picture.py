@@ -8,6 +8,9 @@ from torch import nn
 #: Mean and deviation of the pictures that published weights were trained on.
 _MEAN, _DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
 
+#: Convolutions of the small network, for presets below the published one.
+SMALL = (16, "M", 32, "M", 64, "M", 64)
+
 
 class PictureNetwork(nn.Module):
     """Pictures (B, px, px, 3), 0 to 255, to vectors (B, width).

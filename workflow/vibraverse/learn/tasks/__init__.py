@@ -18,6 +18,9 @@ from vibraverse.learn.sides import TooFew, sides
 TASKS = {
     "frequencies": "frequencies:Frequencies",
     "solidity": "solidity:Solidity",
+    "reconstruction": "reconstruction:Reconstruction",
+    "cavity": "cavity:Cavity",
+    "retrieval": "retrieval:Retrieval",
 }
 #: Task and model -> class of a model that wants other samples than the rest of its task.
 OWN = {("frequencies", "subspace"): "subspace:SubspaceTask"}
@@ -55,6 +58,7 @@ def samples_and_sides(
                 f"{splits} lacks the object {missing[0]}: features and splits are of different datasets; run the same "
                 "command again, which makes what is out of date"
             )
+        samples.know_copies({name: row["copy_of"] for name, row in rows.items()})
         return samples, sides(
             samples, options.split, rows, options.folds, options.hold_out, options.leave_out
         )

@@ -44,6 +44,7 @@ class Bodies:
         frequencies = self.samples.row("frequencies_hz", item["body"])[number]
         return number, {
             "body": np.int64(item["body"]),
+            "material_number": np.int64(number),
             "material": scaled_material(*self.parameters[number]).astype(np.float32),
             "scaled": scaled(frequencies).astype(np.float32),
         }

@@ -17,7 +17,7 @@ from torch import nn
 from vibraverse.contract.errors import UsageError
 from vibraverse.learn.judging import judge_solidity
 from vibraverse.learn.networks.dense import dense, material_network
-from vibraverse.learn.networks.picture import PictureNetwork
+from vibraverse.learn.networks.picture import SMALL, PictureNetwork
 from vibraverse.learn.networks.siren import Siren
 from vibraverse.learn.samples import Samples
 from vibraverse.learn.sides import TRAIN
@@ -33,8 +33,6 @@ PARTS = {
     "material": ("material",),
 }
 _WIDTH = 128
-#: Convolutions of the small picture network, for presets below the published one.
-_SMALL = (16, "M", 32, "M", 64, "M", 64)
 
 
 class Classifier(nn.Module):
@@ -45,7 +43,7 @@ class Classifier(nn.Module):
         made = {
             "sound": lambda: Siren(modes, network.width, network.layers, _WIDTH, normalised=False),
             "ratios": lambda: dense(modes, network.width, network.layers, _WIDTH),
-            "image": lambda: PictureNetwork(_WIDTH, None if published_size else _SMALL),
+            "image": lambda: PictureNetwork(_WIDTH, None if published_size else SMALL),
             "material": lambda: material_network(_WIDTH),
         }
         self.parts = nn.ModuleDict({name: made[name]() for name in parts})

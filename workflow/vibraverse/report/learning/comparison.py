@@ -6,7 +6,9 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from vibraverse.learn.metrics import WITHIN
+from vibraverse.learn.judging import WALL
+from vibraverse.learn.metrics import NEAR, WITHIN
+from vibraverse.learn.ranking import CUTOFFS
 from vibraverse.learn.sides import HELD_OUT, TEST
 from vibraverse.report import quantities
 
@@ -55,6 +57,28 @@ MEASURES = {
         ),
     ),
     "solidity": (Measure("accuracy", "accuracy", "%", False, percent=True),),
+    "reconstruction": (
+        Measure("band_error", "error near the surface", "of 1.8", True),
+        Measure("iou", "IoU", "%", False, percent=True),
+        Measure("chamfer", "Chamfer, median", "of 1.8", True),
+        *(Measure(f"f_{share:.0%}", f"F at {share:.0%}", "%", False, percent=True) for share in NEAR),
+        Measure("normals", "normals", "", False),
+        Measure("volume_error", "volume, median error", "%", True, percent=True),
+        Measure("frequency_error", "frequencies, median error", "%", True, percent=True),
+        Measure("failed", "no solid", "of bodies, %", True, percent=True),
+        Measure("empty", "empty", "of bodies, %", True, percent=True),
+        Measure("seconds", "time", "s per body", True),
+    ),
+    "cavity": (
+        Measure("t_error", "error of t, mean", "", True),
+        Measure(f"t_within_{WALL:g}", f"within {WALL:g}", "of bodies, %", False, percent=True),
+    ),
+    "retrieval": (
+        Measure("mean_map", "mean average precision", "%", False, percent=True),
+        *(Measure(f"mean_top_{cutoff}", f"top {cutoff}", "%", False, percent=True) for cutoff in CUTOFFS),
+        Measure("mean_median_rank", "median place", "", True),
+        Measure("pool", "pool", "bodies"),
+    ),
 }
 
 

@@ -14,7 +14,7 @@ from vibraverse.learn.scaling import unit_hz
 from vibraverse.learn.sides import TEST, TRAIN
 from vibraverse.report import shell
 from vibraverse.report.content import sound
-from vibraverse.report.learning import comparison, figures, listening
+from vibraverse.report.learning import comparison, figures, listening, search
 from vibraverse.report.learning.figures import BASELINE, TRUTH, Line, Panel
 from vibraverse.report.learning.trained import Trained, answerers, errors_by_mode
 
@@ -102,6 +102,9 @@ class Learning:
             "by_thickness": self._by_thickness(task, methods, inks),
             "listening": self._listening(predicting, inks, assets, materials),
             "heard": answerers(predicting)[:1],
+            "directions": search.directions(self.rows, methods, self.data) if task == "retrieval" else [],
+            "ways": search.WAYS,
+            "search": search.searches(own, methods, self.samples, materials, assets),
         }
 
     def _curves(self, task: str, model: str, ink: str) -> Markup:

@@ -44,6 +44,11 @@ class Trained:
         """Whether its answers are frequencies."""
         return f"{TEST}/found_hz" in self.answers
 
+    @property
+    def retrieves(self) -> bool:
+        """Whether its answers are vectors to search with."""
+        return f"{TEST}/shape" in self.answers
+
 
 def errors_by_mode(trainings: Iterable[Trained]) -> dict[tuple[str, bool], dict[int, np.ndarray]]:
     """Return by model and ``by_family`` the percentiles 50 and 90 of the relative error of each mode (m,).

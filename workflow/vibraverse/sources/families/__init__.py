@@ -110,18 +110,21 @@ def drawn(object_: str) -> Shape:
     """Return the parameters of a generated object without building it; raises as :func:`generate`."""
     from vibraverse.sources.families.shape import draw
 
-    name, _, number = object_.rpartition("-")
-    if name not in FAMILIES or not number.isdigit():
+    shape, _, cavity = object_.partition("_")
+    name, _, number = shape.rpartition("-")
+    if name not in FAMILIES or not number.isdigit() or not (cavity or "1").isdigit():
         raise Refused(
             "unavailable",
             f"No shape family makes the object {object_}.",
             "Ids are a family's name and a number; `vibraverse objects --families` lists the families.",
         )
-    return draw(FAMILIES[name].load(), object_)
+    return draw(FAMILIES[name].load(), shape)
 
 
 def generate(object_: str) -> Generated:
     """Return the object with an id such as ``bowl-0007``: the same arrays, bit for bit, every time.
+
+    ``bowl-0007_2`` is another object of that shape, whose hollow body has a cavity of its own.
 
     ``vertices`` (V, 3) float64 in metres and ``faces`` (F, 3) int64 are one closed, connected manifold surface,
     counter-clockwise seen from outside. Raises :class:`Refused` (``unavailable``) for an id of no family.

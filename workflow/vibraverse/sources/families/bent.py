@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from manifold3d import Manifold
 
+from vibraverse.geometry.profiles import extrude
 from vibraverse.sources.families import warps
 from vibraverse.sources.families.outlines import section
-from vibraverse.sources.families.profiles import extrude
 from vibraverse.sources.families.redraw import OpenShape, fine, warped
 from vibraverse.sources.families.shape import between, one_of
 from vibraverse.sources.families.solids import arrays, solid

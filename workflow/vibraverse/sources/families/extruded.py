@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.geometry import Mesh
-from vibraverse.sources.families.planar import soften, subtract, unite
-from vibraverse.sources.families.profiles import arc, circle, extrude, polygon, rounded, turned, wall
+from vibraverse.geometry.planar import soften, subtract, unite
+from vibraverse.geometry.profiles import arc, circle, extrude, polygon, rounded, turned, wall
 from vibraverse.sources.families.shape import Shape, between, one_of
 
 

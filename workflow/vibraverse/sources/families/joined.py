@@ -13,8 +13,8 @@ import numpy as np
 
 from vibraverse.contract.seeds import rng
 from vibraverse.geometry import Mesh
-from vibraverse.sources.families.planar import half_plane, soften
-from vibraverse.sources.families.profiles import arc, extrude, revolve, rounded, smooth_curve, tube, wall
+from vibraverse.geometry.planar import half_plane, soften
+from vibraverse.geometry.profiles import arc, extrude, revolve, rounded, smooth_curve, tube, wall
 from vibraverse.sources.families.shape import Shape, between, one_of
 from vibraverse.sources.families.solids import evened, place, solid, union
 

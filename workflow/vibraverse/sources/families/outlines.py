@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vibraverse.sources.families.planar import soften, subtract, unite
-from vibraverse.sources.families.profiles import circle, polygon, rounded
+from vibraverse.geometry.planar import soften, subtract, unite
+from vibraverse.geometry.profiles import circle, polygon, rounded
 
 
 def lumpy(random: np.random.Generator, waves: int = 4, depth: float = 0.3, n: int = 120) -> np.ndarray:

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from manifold3d import CrossSection, Manifold, OpType
 
+from vibraverse.geometry.planar import distance, inside
+from vibraverse.geometry.profiles import circle, polygon, turned
 from vibraverse.sources.families.outlines import lumpy, sheet
-from vibraverse.sources.families.planar import distance, inside
 from vibraverse.sources.families.primitives import direction, moved, turned_to
-from vibraverse.sources.families.profiles import circle, polygon, turned
 from vibraverse.sources.families.redraw import OpenShape
 from vibraverse.sources.families.shape import between, one_of
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from manifold3d import CrossSection, Manifold
 
-from vibraverse.sources.families.profiles import polygon
+from vibraverse.geometry.profiles import polygon
 
 #: Segments of a full circle.
 _SEGMENTS = 40

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from vibraverse.geometry import Mesh
-from vibraverse.sources.families.planar import half_plane
-from vibraverse.sources.families.profiles import arc, revolve, rounded, smooth_curve, wall
+from vibraverse.geometry.planar import half_plane
+from vibraverse.geometry.profiles import arc, revolve, rounded, smooth_curve, wall
 from vibraverse.sources.families.shape import Shape, between
 
 

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from manifold3d import Manifold
 
+from vibraverse.geometry.planar import half_plane
+from vibraverse.geometry.profiles import extrude, revolve, wall
 from vibraverse.sources.families import warps
 from vibraverse.sources.families.blended import blended
 from vibraverse.sources.families.fields import level_set, soft_cut
 from vibraverse.sources.families.outlines import sheet
-from vibraverse.sources.families.planar import half_plane
 from vibraverse.sources.families.primitives import direction
-from vibraverse.sources.families.profiles import extrude, revolve, wall
 from vibraverse.sources.families.redraw import OpenShape, warped
 from vibraverse.sources.families.shape import between, one_of
 from vibraverse.sources.families.solids import solid

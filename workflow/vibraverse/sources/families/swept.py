@@ -8,8 +8,8 @@ import numpy as np
 from manifold3d import Manifold
 
 from vibraverse.geometry import Mesh
+from vibraverse.geometry.profiles import frames, smooth_curve
 from vibraverse.sources.families.primitives import direction
-from vibraverse.sources.families.profiles import frames, smooth_curve
 from vibraverse.sources.families.redraw import OpenShape
 from vibraverse.sources.families.shape import between, one_of
 from vibraverse.sources.families.solids import solid

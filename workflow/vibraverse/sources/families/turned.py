@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from manifold3d import Manifold
 
+from vibraverse.geometry.planar import half_plane, soften, subtract
+from vibraverse.geometry.profiles import revolve, smooth_curve
 from vibraverse.sources.families import warps
-from vibraverse.sources.families.planar import half_plane, soften, subtract
-from vibraverse.sources.families.profiles import revolve, smooth_curve
 from vibraverse.sources.families.redraw import OpenShape
 from vibraverse.sources.families.shape import between, one_of
 from vibraverse.sources.families.solids import solid

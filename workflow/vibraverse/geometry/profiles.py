@@ -11,7 +11,7 @@ from itertools import pairwise
 import numpy as np
 
 from vibraverse.geometry import Mesh
-from vibraverse.sources.families.planar import fill, unite
+from vibraverse.geometry.planar import fill, unite
 
 _CORNER_RAD = np.radians(25.0)
 #: Corners closer than this share of the spacing are merged.
