@@ -116,5 +116,16 @@ class Report(Section):
     title: str = "VibraVerse"
     """Heading of the page."""
 
-    max_objects: int = Field(60, ge=1)
-    """Largest number of objects shown in full; the others are counted."""
+    kind: Literal["run", "dataset"] = "run"
+    """``run`` opens on what happened, with refusals, times and the commands that retry. ``dataset`` is for publishing: it
+    opens on the objects, says licence, citation and how to load them, and names no folder of this machine."""
+
+
+class ReportOptions(Report):
+    """Options of the page, which the workflow completes from the rest of the configuration."""
+
+    results: str = Field("results", exclude=True)
+    """Folder of all products, for the times of the jobs. The page does not name it."""
+
+    card: Card = Card()
+    """Statements about the dataset, as in its card."""

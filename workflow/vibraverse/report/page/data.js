@@ -33,6 +33,8 @@ const vibraverse = (() => {
     return asked.get(name);
   }
 
+  // A file of the page itself. Its folder is named by a hash of what it holds, and the shell names the folder.
+  const own = (name) => `${document.documentElement.dataset.page || "page"}/${name}`;
   // A file of an object; `version` is the hash of the object's data, so that no browser shows old ones.
   const file = (stem, version) => `data/${encodeURIComponent(stem)}.js${version ? `?${version}` : ""}`;
 
@@ -40,7 +42,8 @@ const vibraverse = (() => {
     index: (data) => arrived.set("index", data),
     object: (id, data) => arrived.set(named("object", id), data),
     body: (id, solidity, data) => arrived.set(named("body", id, solidity), data),
-    loadIndex: () => load("index", "data/index.js"),
+    own,
+    loadIndex: () => load("index", own("index.js")),
     loadObject: (id, version) => load(named("object", id), file(id, version)),
     loadBody: (id, solidity, version) => load(named("body", id, solidity), file(`${id}-${solidity}`, version)),
   };

@@ -4,6 +4,7 @@
 
 const route = (() => {
   const views = {};
+  let first = ""; // the view that is shown where the address names none
   let current = null;
 
   function parse(hash) {
@@ -15,7 +16,7 @@ const route = (() => {
     } catch {
       subject = rest.join("/"); // an address that somebody cut in the middle
     }
-    return { view: view || Object.keys(views)[0], subject, settings: new URLSearchParams(query) };
+    return { view: view || first, subject, settings: new URLSearchParams(query) };
   }
 
   function format({ view, subject = "", settings }) {
@@ -25,7 +26,7 @@ const route = (() => {
 
   function follow() {
     const asked = parse(location.hash);
-    if (!views[asked.view]) asked.view = Object.keys(views)[0];
+    if (!views[asked.view]) asked.view = first;
     const view = views[asked.view];
     if (current && current.view === asked.view && current.subject === asked.subject) {
       current = asked;
@@ -43,11 +44,12 @@ const route = (() => {
   return {
     parse,
     format,
-    // Adds a view; the first one is shown where the address names none.
     add(name, view) {
       views[name] = view;
     },
-    start() {
+    // Shows what the address names, or the view of this name; without one, the view that was added first.
+    start(name) {
+      first = name || Object.keys(views)[0];
       addEventListener("hashchange", follow);
       follow();
     },

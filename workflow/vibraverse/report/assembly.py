@@ -1,0 +1,72 @@
+"""The files of the page: its shell, own scripts and styles, the index, and the sheets of thumbnails.
+
+All but the shell lie in one folder, which is named by a hash of their content. The shell names that folder, so it is
+the shell alone that turns an old page into a new one.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Mapping
+
+from vibraverse.report import shell
+from vibraverse.report.packing import call
+from vibraverse.report.sheets import sheets
+
+#: Styles and scripts in the order in which the shell names them; all lie in this room.
+STYLES = ("style.css", "page/shell.css", "page/explorer.css")
+SCRIPTS = (
+    "shared.js",
+    "page/synth.js",
+    "page/unpack.js",
+    "page/data.js",
+    "page/route.js",
+    "page/words.js",
+    "page/catalogue.js",
+    "page/elements.js",
+    "page/plots.js",
+    "page/grid.js",
+    "page/explore.js",
+    "page/overview.js",
+    "page/run.js",
+    "page/main.js",
+)
+#: The views that the head links, by kind of page; the first one opens.
+VIEWS = {
+    "run": (("overview", "Overview"), ("explore", "Explore"), ("run", "Run")),
+    "dataset": (("explore", "Explore"), ("overview", "About"), ("run", "How it was made")),
+}
+
+
+def files(data: Mapping, thumbs: Iterable[bytes]) -> dict[str, bytes]:
+    """Return the files of the page by name; ``data`` is its index, ``thumbs`` are the thumbnails it numbers."""
+    found = {_name(path): shell.text(path).encode() for path in (*STYLES, *SCRIPTS)}
+    found["index.js"] = call("vibraverse.index", data).encode("ascii")
+    found.update((f"thumbs-{number}.webp", sheet) for number, sheet in enumerate(sheets(thumbs)))
+    return found
+
+
+def folder(found: Mapping[str, bytes]) -> str:
+    """Return the name of the folder of these files: a hash of them."""
+    digest = hashlib.sha256()
+    for name, content in sorted(found.items()):
+        digest.update(f"{name}\0{len(content)}\0".encode() + content)
+    return digest.hexdigest()[:12]
+
+
+def html(title: str, kind: str, place: str, learning: str = "") -> str:
+    """Return the shell. ``place`` is the folder of the files, ``learning`` the page of learning, both relative to it."""
+    return shell.fill(
+        "explorer.html",
+        title=title,
+        kind=kind,
+        folder=place,
+        learning=learning,
+        views=VIEWS[kind],
+        styles=[_name(path) for path in STYLES],
+        scripts=[_name(path) for path in SCRIPTS],
+    )
+
+
+def _name(path: str) -> str:
+    return path.rpartition("/")[2]

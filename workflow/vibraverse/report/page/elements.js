@@ -1,0 +1,53 @@
+// Elements of the page, made of texts and never of HTML, so that no title or message can become markup.
+"use strict";
+
+const elements = (() => {
+  const SVG = "http://www.w3.org/2000/svg";
+  const ACROSS = 10; // thumbnails across and down a sheet
+
+  // Attributes as given; `on` holds listeners, and a value of false or null leaves an attribute out.
+  function fill(element, attributes, children) {
+    for (const [name, value] of Object.entries(attributes || {})) {
+      if (name === "on") for (const [event, listener] of Object.entries(value)) element.addEventListener(event, listener);
+      else if (value !== false && value !== null && value !== undefined) element.setAttribute(name, value === true ? "" : value);
+    }
+    element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+    return element;
+  }
+  const make = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
+  const draw = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children);
+
+  // A text that somebody else wrote, such as a title: it keeps its direction to itself.
+  const foreign = (text, attributes) => make("bdi", attributes, text);
+
+  // The thumbnail of an entry, cut out of its sheet; a plain tile where it has none.
+  function thumbnail(entry) {
+    const tile = make("span", { class: "thumb", "aria-hidden": "true" });
+    if (entry.thumb >= 0) {
+      const place = entry.thumb % ACROSS ** 2;
+      const part = (number) => `${(100 * number) / (ACROSS - 1)}%`;
+      tile.style.backgroundImage = `url("${vibraverse.own(`thumbs-${Math.floor(entry.thumb / ACROSS ** 2)}.webp`)}")`;
+      tile.style.backgroundPosition = `${part(place % ACROSS)} ${part(Math.floor(place / ACROSS))}`;
+    }
+    return tile;
+  }
+
+  const link = (view, subject, settings) => route.format({ view, subject, settings: new URLSearchParams(settings || {}) });
+
+  // A table from headings and rows; a cell is a text, an element or a list of them. `numbers` are the columns on the right.
+  function table(headings, rows, numbers = []) {
+    const side = (place) => (numbers.includes(place) ? "number" : null);
+    const head = headings.map((text, place) => make("th", { scope: "col", class: side(place) }, text));
+    const body = rows.map((cells) => make("tr", {}, cells.map((cell, place) =>
+      place === 0 ? make("th", { scope: "row" }, cell) : make("td", { class: side(place) }, cell))));
+    return make("div", { class: "scrolled", tabindex: rows.length && headings.length > 3 ? "0" : null, role: "group", "aria-label": "table" },
+      make("table", {}, make("thead", {}, make("tr", {}, head)), make("tbody", {}, body)));
+  }
+
+  // Says something to screen readers.
+  function say(text) {
+    document.querySelector("#said").textContent = text;
+  }
+
+  return { make, draw, foreign, thumbnail, link, table, say };
+})();

@@ -1,0 +1,278 @@
+// The view `explore`: all objects, refused ones included, with filters that stand in the address.
+"use strict";
+
+const explore = (() => {
+  const { make, foreign } = elements;
+  const CELL = { width: 290, height: 124, gap: 12 };
+  const HOVER_MS = 90; // a pointer that only passes by asks for nothing
+  const QUICK_MS = 120; // a pause in typing
+  const LEVEL_DB = -12; // of the loudest moment of what is heard here
+  const SAY = {
+    f1: words.frequency, ring: words.duration, size: words.length, volume: words.volume,
+    density: (value) => `${words.number(value)}×`, error: words.percent,
+  };
+  const scrolled = new Map(); // how far each address was scrolled, to come back to
+
+  // What a value of a facet is called: states say their reason or kind in words.
+  function called(shelf, name, value) {
+    if (name !== "state") return value;
+    const [what, which] = value.split(": ");
+    if (!which) return words.capital(what);
+    const kind = shelf.data.warnings.find((one) => one.kind === which);
+    return `${words.capital(what)}: ${shelf.data.reasons[which] || (kind && kind.sentence) || which}`;
+  }
+
+  function frequencies(entry, seen) {
+    return Object.entries(entry.bodies)
+      .filter(([solidity, body]) => body.f1[seen.material] > 0 && (!seen.solidity || seen.solidity === solidity))
+      .map(([solidity, body]) => make("span", { class: solidity }, words.frequency(body.f1[seen.material])));
+  }
+
+  function noted(entry, shelf) {
+    const notes = entry.refused.filter((one) => one.solidity).map((one) => `No ${one.solidity} body: ${shelf.data.reasons[one.reason]}`);
+    const kinds = shelf.data.warnings.filter((_, bit) => (entry.warned >> bit) & 1).length;
+    if (kinds) notes.push(words.plural(kinds, "warning"));
+    return notes.join(" · ");
+  }
+
+  // An object as a link with its thumbnail and its numbers; a refused one says why, and what to do.
+  function card(entry, seen, shelf) {
+    const settings = shelf.materials.length > 1 ? { material: shelf.materials[seen.material] } : {};
+    if (seen.solidity) settings.solidity = seen.solidity;
+    const name = foreign(entry.title, { class: "name" });
+    const whole = entry.refused.find((one) => !one.solidity) || (!Object.keys(entry.bodies).length && entry.refused[0]);
+    const href = elements.link("object", entry.id, settings);
+    if (whole) {
+      const why = words.capital(shelf.data.reasons[whole.reason]);
+      const said = `${why}, at ${whole.stage}. ${whole.message} ${whole.advice}`;
+      return make("a", { class: "item gone", href, title: said },
+        make("span", { class: "text" }, make("span", { class: "title" }, name, make("small", {}, "refused")), make("b", {}, why),
+          foreign(`${whole.message} ${whole.advice}`, { class: "why" })));
+    }
+    const rings = catalogue.SPANS.ring.of(entry, seen);
+    const facts = [entry.size ? words.length(entry.size) : "", rings.length ? `rings ${words.duration(Math.max(...rings))}` : ""];
+    const note = noted(entry, shelf);
+    return make("a", { class: "item", href },
+      elements.thumbnail(entry),
+      make("span", { class: "text" }, name,
+        make("span", { class: "pitch" }, frequencies(entry, seen)),
+        make("span", { class: "soft" }, facts.filter(Boolean).join(" · ")),
+        note && make("span", { class: "note" }, note)));
+  }
+
+  // The sound of an object where it is struck everywhere alike, from its own file.
+  async function heard(entry, seen, shelf) {
+    const data = await vibraverse.loadObject(entry.id, entry.version);
+    const solidity = seen.solidity || Object.keys(data.bodies).find((name) => data.bodies[name]);
+    const material = shelf.materials[seen.material];
+    const modes = data.bodies[solidity] && data.bodies[solidity].modes[material];
+    if (!modes) return null;
+    const { alpha, beta } = data.materials[material];
+    const omega = Float64Array.from(modes.hz, (hz) => 2 * Math.PI * hz);
+    const damping = omega.map((one) => 0.5 * (alpha + beta * one * one));
+    const { sample_rate_hz: rate, decay_db: decayDb, max_s: maxS, contact_s: contact, observable } = data.audio;
+    const { samples } = synth.render({ omega, damping }, { rate, decayDb, maxS, contact, observable });
+    const loudest = samples.reduce((most, one) => Math.max(most, Math.abs(one)), 0);
+    return loudest > 0 ? { samples, rate, gain_db: LEVEL_DB - 20 * Math.log10(loudest) } : null;
+  }
+
+  // A switch after which objects sound while the pointer or the focus is on them; "" where nothing can sound.
+  function hearing(shelf, look) {
+    if (typeof sound === "undefined") return { button: null, over() {}, stop() {} };
+    let on = false;
+    let waiting = 0;
+    let voice = null;
+    const stop = () => {
+      clearTimeout(waiting);
+      if (voice) voice.stop();
+      voice = null;
+    };
+    const button = make("button", {
+      type: "button", class: "quiet", "aria-pressed": "false", title: "Every sound is made equally loud here",
+      on: {
+        click() {
+          on = !on;
+          button.setAttribute("aria-pressed", on);
+          if (on) sound.unlock();
+          else stop();
+        },
+      },
+    }, "Hear on hover");
+    return {
+      button,
+      stop,
+      over(entry) {
+        if (!on || !entry.version) return;
+        stop();
+        waiting = setTimeout(async () => {
+          const mine = waiting;
+          try {
+            const made = await heard(entry, look(), shelf);
+            if (made && mine === waiting) voice = sound.play(made);
+          } catch (error) {
+            elements.say(error.message);
+          }
+        }, HOVER_MS);
+      },
+    };
+  }
+
+  function facet(name, title, choose) {
+    const select = make("select", { name, on: { change: () => choose(name, select.value) } });
+    const label = make("label", { class: "facet" }, make("span", {}, title), select);
+    // Offers values with their counts; hides the facet where there is nothing to choose.
+    const offer = (values, chosen, any, say = (value) => value, more = 0) => {
+      const options = values.map(([value, count]) =>
+        make("option", { value, selected: value === chosen }, count === null ? say(value) : `${say(value)} (${words.count(count)})`));
+      if (any !== null) options.unshift(make("option", { value: "", selected: !chosen }, any));
+      if (more) options.push(make("option", { disabled: true }, `… ${words.count(more)} more: use the search`));
+      select.replaceChildren(...options);
+      label.hidden = values.length < 2 && !chosen;
+    };
+    return { label, offer };
+  }
+
+  function range(name, choose) {
+    const { name: title, unit } = catalogue.SPANS[name];
+    const send = () => {
+      const [low, high] = ends.map((input) => input.value.trim());
+      choose(name, low === "" && high === "" ? "" : `${low}..${high}`);
+    };
+    const ends = ["from", "to"].map((which) => make("input", {
+      type: "number", min: "0", step: "any", placeholder: which, "aria-label": `${title} ${which}, in ${unit}`, on: { change: send },
+    }));
+    const root = make("fieldset", { class: "range" }, make("legend", {}, title, " ", make("small", {}, unit)), make("span", {}, ends));
+    const set = (found) => ends.forEach((input, place) => {
+      input.value = found && Number.isFinite(found[place]) ? found[place] : "";
+    });
+    return { root, set };
+  }
+
+  function view(shelf) {
+    let parts = null;
+    let settings = null;
+    let wanted = null;
+    let typing = 0;
+
+    function choose(name, value) {
+      if (value) settings.set(name, value);
+      else settings.delete(name);
+      route.settle(settings);
+      refresh();
+    }
+
+    function chips() {
+      const chip = (name, text) => make("button", {
+        type: "button", class: "chip", "aria-label": `Remove the filter ${text}`, on: { click: () => choose(name, "") },
+      }, foreign(text), make("span", { "aria-hidden": "true" }, "×"));
+      return [
+        ...(wanted.words.length ? [chip("q", `“${settings.get("q")}”`)] : []),
+        ...(wanted.seen.solidity ? [chip("solidity", wanted.seen.solidity)] : []),
+        ...Object.entries(wanted.values).map(([name, value]) => chip(name, called(shelf, name, value))),
+        ...Object.entries(wanted.spans).map(([name, ends]) =>
+          chip(name, `${catalogue.SPANS[name].name}: ${words.between(ends, SAY[name])}`)),
+      ];
+    }
+
+    function refresh() {
+      wanted = catalogue.asked(settings, shelf);
+      const found = catalogue.choose(shelf, wanted);
+      for (const name of Object.keys(catalogue.FACETS)) {
+        const { values, more } = catalogue.offered(shelf, wanted, name);
+        parts.facets[name].offer(values, wanted.values[name] || "", "All", (value) => called(shelf, name, value), more);
+      }
+      const all = (texts) => texts.map((text) => [text, null]);
+      parts.facets.material.offer(all(shelf.materials), shelf.materials[wanted.seen.material], null);
+      parts.facets.solidity.offer(all(shelf.solidities), wanted.seen.solidity, "Both");
+      for (const [name, { set }] of Object.entries(parts.ranges)) set(wanted.spans[name]);
+      for (const option of parts.sort.options) option.selected = option.value === wanted.sort;
+      if (document.activeElement !== parts.find) parts.find.value = settings.get("q") || "";
+      const chosen = chips();
+      parts.chips.replaceChildren(...chosen);
+      const total = shelf.entries.length;
+      const count = found.length === total ? words.plural(total, "object") : `${words.count(found.length)} of ${words.plural(total, "object")}`;
+      const refused = found.filter((entry) => entry.refused.length).length;
+      parts.count.textContent = refused ? `${count}, ${words.count(refused)} refused in whole or in part` : count;
+      parts.none.hidden = found.length > 0;
+      parts.reset.hidden = chosen.length === 0;
+      parts.grid.set(found);
+    }
+
+    function build(root) {
+      const again = () => {
+        for (const name of [...settings.keys()]) if (!["material", "sort"].includes(name)) settings.delete(name);
+        parts.find.value = "";
+        choose("q", "");
+        parts.find.focus();
+      };
+      const listen = hearing(shelf, () => wanted.seen);
+      const drawn = (entry) => {
+        const item = card(entry, wanted.seen, shelf);
+        item.addEventListener("pointerenter", (event) => event.pointerType === "mouse" && listen.over(entry));
+        item.addEventListener("focus", () => listen.over(entry));
+        item.addEventListener("pointerleave", listen.stop);
+        return item;
+      };
+      const find = make("input", {
+        type: "search", placeholder: "Find an object", "aria-label": "Find an object by name, family or source", autocomplete: "off",
+        on: {
+          input() {
+            clearTimeout(typing);
+            typing = setTimeout(() => choose("q", find.value.trim()), QUICK_MS);
+          },
+        },
+      });
+      const names = Object.entries(catalogue.SORTS).map(([value, { name }]) => make("option", { value }, name));
+      const sort = make("select", { on: { change: () => choose("sort", sort.value === "name" ? "" : sort.value) } }, names);
+      const facets = Object.fromEntries([
+        ["material", facet("material", "Numbers in", choose)],
+        ["solidity", facet("solidity", "Body", choose)],
+        ...Object.entries(catalogue.FACETS).map(([name, { name: title }]) => [name, facet(name, title, choose)]),
+      ]);
+      const ranges = Object.fromEntries(["f1", "ring", "size"].map((name) => [name, range(name, choose)]));
+      parts = {
+        find, sort, facets, ranges, listen,
+        chips: make("div", { class: "chips" }),
+        count: make("p", { class: "count-line", role: "status" }),
+        none: make("p", { class: "empty", hidden: true }, "No object fits. Take a filter away, or ",
+          make("button", { type: "button", class: "quiet", on: { click: again } }, "show all objects")),
+        reset: make("button", { type: "button", class: "plain", on: { click: again } }, "Clear filters"),
+        grid: grid.build("Objects", CELL, drawn),
+      };
+      const choices = make("details", { class: "choices", open: matchMedia("(min-width: 861px)").matches },
+        make("summary", {}, "Filters"),
+        Object.values(facets).map((one) => one.label), Object.values(ranges).map((one) => one.root));
+      root.append(
+        make("h1", { class: "visually-hidden", tabindex: "-1" }, "Explore the objects"),
+        make("div", { class: "explore" },
+          make("form", { class: "side", role: "search", "aria-label": "Filters", on: { submit: (event) => event.preventDefault() } }, find, choices),
+          make("div", { class: "found" },
+            make("div", { class: "tools" }, parts.count, listen.button,
+              make("label", { class: "sort" }, make("span", {}, "Sort by"), sort)),
+            make("div", { class: "chosen" }, parts.chips, parts.reset),
+            parts.none, parts.grid.root)));
+    }
+
+    return {
+      show(root, { settings: given }) {
+        settings = given;
+        build(root);
+        refresh();
+        parts.grid.start();
+        scrollTo({ top: scrolled.get(location.hash) || 0, behavior: "instant" });
+      },
+      change({ settings: given }) {
+        settings = given;
+        refresh();
+      },
+      leave() {
+        clearTimeout(typing);
+        scrolled.set(route.format({ view: "explore", settings }), scrollY);
+        parts.listen.stop();
+        parts.grid.stop();
+      },
+    };
+  }
+
+  return { view, SAY, called };
+})();
