@@ -1,11 +1,12 @@
 """A page of invented objects, as many as a test asks for, without the stages that really make them.
 
-Every tenth object is refused, or as many as asked for; every ninth lacks a hollow body; every seventh carries a warning.
+Every tenth object is refused, or as many as asked for; every ninth lacks a hollow body; every seventh has a warning.
 """
 
 from __future__ import annotations
 
 import io
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -33,28 +34,38 @@ def invented(count: int, refused: int | None = None) -> dict:
     for number in range(count):
         family = FAMILIES[number % len(FAMILIES)]
         object_id = f"{family}-{number // len(FAMILIES):04d}"
-        seen[object_id] = {"title": f"A {family} {number}", "family": family, "source": "generated"}
-        costs[object_id] = dict(zip(STAGES, random.gamma(2.0, (0.1, 1, 4, 6, 9, 30, 3, 2, 5)).tolist(), strict=True))
+        row = {"title": f"A {family} {number}", "family": family, "source": "generated", "bodies": {}}
+        seen[object_id] = {"row": {**row, "version": f"{number:08x}"}, "warnings": []}
+        costs[object_id] = dict(
+            zip(STAGES, random.gamma(2.0, (0.1, 1, 4, 6, 9, 30, 3, 2, 5)).tolist(), strict=True)
+        )
         if number in gone:
-            stage, reason = (("clean", "not_a_solid"), ("tets", "meshing_failed"), ("hollow", "too_thin"))[number % 3]
-            message = f"{object_id}.obj is flat: it bounds no volume, or a wall of its is too thin for elements."
+            stage, reason = (("clean", "not_a_solid"), ("tets", "meshing_failed"), ("hollow", "too_thin"))[
+                number % 3
+            ]
+            message = (
+                f"{object_id}.obj is flat: it bounds no volume, or a wall of its is too thin for elements."
+            )
             refusals.append(refusal(object_id, "", stage, reason, message))
             continue
         size = float(np.exp(random.uniform(np.log(0.02), np.log(1.2))))
-        bodies = {}
         for solidity in ("solid", "hollow"):
             if solidity == "hollow" and number % 9 == 0:
-                refusals.append(refusal(object_id, "hollow", "hollow", "too_thin", f"The wall of {object_id} is too thin."))
+                refusals.append(
+                    refusal(
+                        object_id, "hollow", "hollow", "too_thin", f"The wall of {object_id} is too thin."
+                    )
+                )
                 continue
             error = float(random.gamma(2.0, 0.003))
             volume = size**3 * float(random.uniform(0.02, 0.5)) * (0.6 if solidity == "hollow" else 1)
-            bodies[solidity] = {"error": error, "warnings": []}
+            row["bodies"][solidity] = {"worst_error": error}
             if error > 0.02 or number % 7 == 0:
                 text = f"the estimated frequency error by the elements reaches {100 * error:.1f} % in mode 7"
-                bodies[solidity]["warnings"].append({"kind": "inaccurate_modes", "text": text})
+                warning = {"solidity": solidity, "kind": "inaccurate_modes", "text": text}
+                seen[object_id]["warnings"].append(warning)
             pitch = float(random.uniform(0.1, 1.2)) / size
             items += [item(object_id, family, solidity, name, size, volume, pitch, number) for name in NAMES]
-        seen[object_id] |= {"version": f"{number:08x}", "bodies": bodies}
     return {"items": items, "refusals": refusals, "seen": seen, "materials": NAMES, "costs": costs}
 
 
@@ -96,7 +107,7 @@ def record(given: dict) -> dict:
         "objects_by_licence": {"CC0-1.0": len(kept)},
         "materials": {
             name: {key: MATERIALS[name][key] for key in ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")}
-            for name in NAMES
+            for name in given["materials"]
         },
         "shards": {f"{number:05d}.h5": {"bytes": 12_345_678, "sha256": f"{number:064x}"} for number in range(4)},
         "made_by": {
@@ -111,7 +122,11 @@ def validation() -> dict:
     unknowns = [600, 2_400, 9_800, 40_000]
 
     def curve(power: float, start: float) -> dict:
-        return {"unknowns": unknowns, "errors": [start * (n / 600) ** power for n in unknowns], "slope": power}
+        return {
+            "unknowns": unknowns,
+            "errors": [start * (n / 600) ** power for n in unknowns],
+            "slope": power,
+        }
 
     kinds = {"P1": curve(-0.66, 0.3), "P2": curve(-1.3, 0.02), "P2 corrected": curve(-1.5, 0.01)}
     line = {"elements": "P2", "source": "exact", "unknowns": 40_000, "frequencies": 20, "tolerance": 0.002}
@@ -126,8 +141,13 @@ def validation() -> dict:
 
 
 def thumb(object_id: str) -> bytes:
-    """Return the thumbnail (WebP) of an object: a disc of its own colour."""
-    random = rng(object_id, "thumb")
+    """Return the thumbnail (WebP) of an object: one of some blobs."""
+    return _blob(len(object_id) + sum(map(ord, object_id)) % 20)
+
+
+@cache
+def _blob(number: int) -> bytes:
+    random = rng(str(number), "blob")
     axis = np.linspace(-1, 1, 96)
     x, y = np.meshgrid(axis, axis)
     inside = (np.abs(x) ** random.uniform(1, 6) + np.abs(y) ** random.uniform(1, 6) < 0.6)[..., None]

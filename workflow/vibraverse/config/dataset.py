@@ -117,8 +117,8 @@ class Report(Section):
     """Heading of the page."""
 
     kind: Literal["run", "dataset"] = "run"
-    """``run`` opens on what happened, with refusals, times and the commands that retry. ``dataset`` is for publishing: it
-    opens on the objects, says licence, citation and how to load them, and names no folder of this machine."""
+    """``run`` opens on what happened, with refusals, times and the command that retries. ``dataset`` is for publishing:
+    it opens on the objects, says licence, citation and how to load them, and names no folder of this machine."""
 
 
 class ReportOptions(Report):

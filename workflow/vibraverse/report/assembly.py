@@ -55,7 +55,7 @@ def folder(found: Mapping[str, bytes]) -> str:
 
 
 def html(title: str, kind: str, place: str, learning: str = "") -> str:
-    """Return the shell. ``place`` is the folder of the files, ``learning`` the page of learning, both relative to it."""
+    """Return the shell; ``place`` is the folder of the files and ``learning`` the page of learning, relative to it."""
     return shell.fill(
         "explorer.html",
         title=title,

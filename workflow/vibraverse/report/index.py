@@ -1,7 +1,7 @@
 """The index of the page: a short row for every object, refused ones included, and the words that rows share.
 
-``page/catalogue.js`` reads it. A row holds numbers, short texts and codes: places in the lists of ``names``. What follows
-from others is not in it: ring times and masses come from frequencies, volumes and materials.
+``page/catalogue.js`` reads it. A row holds numbers, short texts and codes: places in the lists of ``names``. What
+follows from others is not in it: ring times and masses come from frequencies, volumes and materials.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from vibraverse.flow.paths import SOLIDITIES
 COLUMNS = (
     "id", "title", "source", "family", "licence", "split", "size_m", "version", "thumb", "cpu_s", "dearest", "refused",
 )  # fmt: skip
-#: Numbers of a body; after them comes its lowest frequency in Hz in each material, 0 where it has none. ``warned`` has a
-#: bit for each kind of warning, ``last_hz`` is the highest of ``modes`` frequencies in the first material.
+#: Numbers of a body; after them comes its lowest frequency in Hz in each material, 0 where it has none. ``warned`` has
+#: a bit for each kind of warning, ``last_hz`` is the highest of ``modes`` frequencies in the first material.
 BODY = ("volume_m3", "error", "warned", "modes", "last_hz")
 #: Columns that hold codes.
 CODED = ("source", "family", "licence", "split")
@@ -51,10 +51,10 @@ def index(
 ) -> dict:
     """Return columns, names, rows and warnings of the page's index.
 
-    ``items`` are the rows of the dataset's index, ``refusals`` those of its refusals. ``seen`` holds the row that
-    ``page_object`` wrote for an object: ``version``, ``bodies`` with ``error`` and ``warnings`` by solidity, and what is
-    known of a refused object (``title``, ``source``, ``family``, ``licence``); an object without one has neither picture
-    nor sound on the page. ``costs`` are CPU seconds by object and stage.
+    ``items`` are the rows of the dataset's index, ``refusals`` those of its refusals, ``costs`` CPU seconds by object
+    and stage. ``seen`` are the records of ``page_object``: ``row`` with ``version``, what is known of a refused object
+    (``title``, ``source``, ``family``, ``licence``) and ``bodies`` with their ``worst_error`` by solidity, and
+    ``warnings`` with ``solidity``, ``kind`` and ``text``. An object without a record has neither picture nor sound.
     """
     about, bodies = _gathered(items)
     refused: dict[str, list[Mapping]] = {}
@@ -66,7 +66,8 @@ def index(
     names = {name: Names() for name in (*CODED, "stage", "reason", "advice")}
     rows, thumbs = [], 0
     for object_id in sorted(about.keys() | refused.keys()):
-        known, shown = about.get(object_id, {}), seen.get(object_id, {})
+        known, record = about.get(object_id, {}), seen.get(object_id, {})
+        shown = record.get("row", {})
         texts = {name: known.get(name) or shown.get(name) or "" for name in ("title", *CODED)}
         cost = costs.get(object_id, {})
         pictured = bool(shown.get("version")) and object_id in about
@@ -81,10 +82,7 @@ def index(
                 short(sum(cost.values()), 2),
                 names["stage"].code(max(cost, key=cost.__getitem__)) if cost else -1,
                 [_refusal(one, names, solidities) for one in refused.get(object_id, ())] or 0,
-                *(
-                    _body(bodies.get(object_id, {}).get(name), shown.get("bodies", {}).get(name, {}), materials)
-                    for name in solidities
-                ),
+                *(_body(bodies.get(object_id, {}).get(name), record, name, materials) for name in solidities),
             ]
         )
         thumbs += pictured
@@ -111,11 +109,10 @@ def warnings(seen: Mapping[str, Mapping]) -> list[dict]:
     One that an object's bodies share is shown once, without a solidity.
     """
     found: dict[str, list[list[str]]] = {kind: [] for kind in WARNINGS}
-    for object_id, shown in sorted(seen.items()):
+    for object_id, record in sorted(seen.items()):
         said: dict[tuple[str, str], list[str]] = {}
-        for solidity, body in shown.get("bodies", {}).items():
-            for one in body.get("warnings", ()):
-                said.setdefault((one["kind"], one["text"]), []).append(solidity)
+        for one in record.get("warnings", ()):
+            said.setdefault((one["kind"], one["text"]), []).append(one["solidity"])
         for (kind, text), solidities in said.items():
             found[kind].append([object_id, solidities[0] if len(solidities) == 1 else "", text])
     return [
@@ -138,22 +135,27 @@ def _gathered(items: Iterable[Mapping]) -> tuple[dict[str, dict], dict[str, dict
         object_id = item["object"]
         if object_id not in about:
             renamed = {"source": item["origin"], "family": item["category"]}
-            about[object_id] = {**renamed, **{key: item[key] for key in ("title", "licence", "split", "size_m")}}
+            about[object_id] = {
+                **renamed,
+                **{key: item[key] for key in ("title", "licence", "split", "size_m")},
+            }
         body = bodies.setdefault(object_id, {}).setdefault(
-            item["solidity"], {"volume_m3": item["volume_m3"], "modes": item["modes"], "f1_hz": {}, "last_hz": {}}
+            item["solidity"],
+            {"volume_m3": item["volume_m3"], "modes": item["modes"], "f1_hz": {}, "last_hz": {}},
         )
         body["f1_hz"][item["material"]] = item["f1_hz"]
         body["last_hz"][item["material"]] = item["f_last_hz"]
     return about, bodies
 
 
-def _body(body: Mapping | None, shown: Mapping, materials: Sequence[str]) -> list | int:
+def _body(body: Mapping | None, record: Mapping, solidity: str, materials: Sequence[str]) -> list | int:
     if body is None:
         return 0
-    kinds = {one["kind"] for one in shown.get("warnings", ())}
+    kinds = {one["kind"] for one in record.get("warnings", ()) if one["solidity"] == solidity}
+    shown = record.get("row", {}).get("bodies", {}).get(solidity, {})
     return [
         short(body["volume_m3"]),
-        short(shown.get("error", 0.0), 2),
+        short(shown.get("worst_error", 0.0), 2),
         sum(1 << bit for bit, kind in enumerate(WARNINGS) if kind in kinds),
         body["modes"],
         short(body["last_hz"].get(materials[0], 0.0), 4),

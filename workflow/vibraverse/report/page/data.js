@@ -36,7 +36,7 @@ const vibraverse = (() => {
   // A file of the page itself. Its folder is named by a hash of what it holds, and the shell names the folder.
   const own = (name) => `${document.documentElement.dataset.page || "page"}/${name}`;
   // A file of an object; `version` is the hash of the object's data, so that no browser shows old ones.
-  const file = (stem, version) => `data/${encodeURIComponent(stem)}.js${version ? `?${version}` : ""}`;
+  const file = (stem, version) => `data/objects/${encodeURIComponent(stem)}.js${version ? `?${version}` : ""}`;
 
   return {
     index: (data) => arrived.set("index", data),
@@ -45,6 +45,6 @@ const vibraverse = (() => {
     own,
     loadIndex: () => load("index", own("index.js")),
     loadObject: (id, version) => load(named("object", id), file(id, version)),
-    loadBody: (id, solidity, version) => load(named("body", id, solidity), file(`${id}-${solidity}`, version)),
+    loadBody: (id, solidity, version) => load(named("body", id, solidity), file(`${id}.${solidity}`, version)),
   };
 })();

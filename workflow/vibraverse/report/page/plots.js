@@ -2,7 +2,8 @@
 "use strict";
 
 const plots = (() => {
-  const { make, draw } = elements;
+  const make = (...given) => elements.make(...given);
+  const draw = (...given) => elements.draw(...given);
   const WIDTH = 360;
   const MOST_BINS = 22;
   const LETTER = 7; // width of a letter at a tick
@@ -172,3 +173,5 @@ const plots = (() => {
 
   return { histogram, ridges, bars, convergence, edges, counted };
 })();
+
+if (typeof module !== "undefined") module.exports = plots;
