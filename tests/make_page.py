@@ -16,8 +16,9 @@ from vibraverse.config.dataset import ReportOptions
 from vibraverse.contract.seeds import rng
 from vibraverse.physics.materials import MATERIALS
 from vibraverse.report import assembly
-from vibraverse.report.facts import facts, times
+from vibraverse.report.facts import PARAMETERS, facts, times
 from vibraverse.report.index import index, pictured
+from vibraverse.stages.report import write_assets
 
 NAMES = ("ceramic", "glass", "steel", "wood")
 FAMILIES = ("bowl", "bell", "bar", "plate", "vase", "star", "fork", "ring", "cup", "shell", "knot", "gear")
@@ -83,7 +84,8 @@ def item(object_id, family, solidity, material, size, volume, pitch, number) -> 
 def refusal(object_id: str, solidity: str, stage: str, reason: str, message: str) -> dict:
     """Return a row of the refusals of a dataset."""
     return {
-        "object": object_id, "solidity": solidity, "stage": stage, "reason": reason, "message": message, "advice": ADVICE,
+        "object": object_id, "solidity": solidity, "stage": stage, "reason": reason, "message": message,
+        "advice": ADVICE,
     }  # fmt: skip
 
 
@@ -106,8 +108,7 @@ def record(given: dict) -> dict:
         "objects_by_split": {name: splits.count(name) for name in ("train", "validation", "test")},
         "objects_by_licence": {"CC0-1.0": len(kept)},
         "materials": {
-            name: {key: MATERIALS[name][key] for key in ("density_kg_m3", "young_pa", "poisson", "alpha_per_s", "beta_s")}
-            for name in given["materials"]
+            name: {key: MATERIALS[name][key] for key in PARAMETERS.values()} for name in given["materials"]
         },
         "shards": {f"{number:05d}.h5": {"bytes": 12_345_678, "sha256": f"{number:064x}"} for number in range(4)},
         "made_by": {
@@ -134,7 +135,11 @@ def validation() -> dict:
     return {
         "missed": ["plate, mode 3: 102.00 Hz instead of 100.00 Hz is off by 2 %, and 0.2 % is accepted (exact)."],
         "bodies": {
-            name: {"title": title, "convergence": kinds, "summary": [{**line, "largest_error": 0.0004, "missed": name == "plate"}]}
+            name: {
+                "title": title,
+                "convergence": kinds,
+                "summary": [{**line, "largest_error": 0.0004, "missed": name == "plate"}],
+            }
             for name, title in titles.items()
         },
     }  # fmt: skip
@@ -168,10 +173,7 @@ def write(folder: Path, given: dict, scripts: str = "", validated: dict | None =
     files = assembly.files(data, map(thumb, pictured(found)))
     if scripts:
         files["main.js"] = scripts.encode() + files["main.js"]
-    place = f"page/{assembly.folder(files)}"
-    for name, content in files.items():
-        (folder / place / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / place / name).write_bytes(content)
+    place = f"page/{write_assets(folder / 'page', files)}"
     page = folder / "index.html"
     page.write_text(assembly.html(chosen.title, chosen.kind, place), encoding="utf-8")
     return page

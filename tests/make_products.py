@@ -109,17 +109,28 @@ def report(results: Path, **changes) -> Path:
     """Write the page with the stage ``report``; it links that of learning where there is one."""
     paths = Paths(results)
     learning = ("--learning", paths.learn_page) if Path(paths.learn_page).exists() else ()
-    shards = sorted(Path(paths.shard).parent.glob("*.h5"))
     inputs = ("--index", paths.index_columns, "--record", paths.dataset_record)
-    outputs = ("--page", paths.report, "--options", json.dumps(changes))
-    call("report", *inputs, *learning, "--shards", *shards, *outputs)
+    outputs = ("--page", paths.report, "--options", json.dumps({"results": str(results), **changes}))
+    call("report", *inputs, *learning, *outputs)
     return Path(paths.report)
 
 
+def page_data(results: Path, objects=OBJECTS) -> None:
+    """Write what the page needs of each object beside it: the record and the thumbnail."""
+    folder = Path(Paths(results).report).parent / "data/objects"
+    folder.mkdir(parents=True, exist_ok=True)
+    for object_id in objects:
+        row = {"title": f"The {object_id}", "source": "files", "version": products.text_sha256(object_id)[:8]}
+        row["bodies"] = {} if object_id == "leaf" else {"solid": {"worst_error": 0.001}}
+        products.write_json(folder / f"{object_id}.json", {"object": object_id, "row": row, "warnings": []})
+        Image.open(io.BytesIO(_picture("clay", 0))).save(folder / f"{object_id}.thumb.webp")
+
+
 def build(results: Path) -> Paths:
-    """Write the products, pack them into two shards and index those."""
+    """Write the products, pack them into two shards and index those; write the data of the page."""
     paths = make(results)
     index(results, pack(results))
+    page_data(results)
     return paths
 
 

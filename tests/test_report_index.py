@@ -161,7 +161,8 @@ def test_ring_times_and_weyls_law_follow_from_the_row(few):
     ],
 )
 def test_an_address_chooses_objects(few, settings, expected):
-    body = "return catalogue.choose(shelf, catalogue.asked(new URLSearchParams(given.settings), shelf)).map((one) => one.id);"
+    body = "const asked = catalogue.asked(new URLSearchParams(given.settings), shelf);"
+    body += "return catalogue.choose(shelf, asked).map((one) => one.id);"
     assert read(body, shelf(few), settings=settings) == expected
 
 

@@ -15,7 +15,6 @@ from vibraverse.contract.refusal import Refusal
 from vibraverse.dataset.schema.tables import from_tsv
 from vibraverse.geometry import surfaces
 from vibraverse.physics.materials import lame
-from vibraverse.report import render
 from vibraverse.validation import spectra, table
 from vibraverse.validation.bodies import BODIES
 from vibraverse.validation.meshes import meshes, surface
@@ -217,21 +216,6 @@ def test_the_command_says_what_to_do_first(vibraverse, tmp_path):
     status, _, err = vibraverse("validation", "--record", tmp_path / "none.json")
     assert status == 2
     assert "snakemake validation" in err
-
-
-def test_the_page_shows_it_where_it_was_run(validated, vibraverse):
-    (_, record, _), _, _ = validated(vibraverse)
-    empty = {
-        "counts": dict.fromkeys(
-            ("objects", "bodies", "sounds", "sampled_sounds", "refused_objects", "refused_bodies"), 0
-        ),
-        **{key: {} for key in ("materials", "objects_by_split", "shards", "made_by", "ranges")},
-    }
-    assert 'id="validation"' not in render.html("none", empty, [], [], "assets/x")
-    text = render.html("some", empty, [], [], "assets/x", products.read_json(record))
-    assert text.count("<td>P2</td>") == text.count("<td>P2 corrected</td>") == 2
-    assert "var(--solid, #0f7173)" in text
-    assert "http://" not in text  # a page names nothing outside itself
 
 
 def test_the_rule_plans_a_job_for_each_body(tmp_path, root):

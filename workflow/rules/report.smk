@@ -3,7 +3,6 @@
 
 rule report:
     input:
-        shards=targets.shards(plan),
         index=paths.index_columns,
         record=paths.dataset_record,
         validation=targets.validation_done(plan),
@@ -28,7 +27,6 @@ rule report:
         "the report"
     shell:
         "vibraverse report "
-        "--shards {input.shards:q} "
         "--index {input.index:q} "
         "--record {input.record:q} "
         "{params.validation} "

@@ -113,6 +113,12 @@ class Plan:
             }
         elif stage == "features":
             values = config.learn.features.model_dump(mode="json")
+        elif stage == "report":
+            values = {
+                **config.report.model_dump(mode="json"),
+                "results": config.results,
+                "card": config.dataset.card.model_dump(mode="json"),
+            }
         elif stage == "index":
             values = config.dataset.model_dump(include={"splits", "stratify", "card"})
         else:

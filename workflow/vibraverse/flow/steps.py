@@ -311,14 +311,13 @@ STEPS = (
     ),
     Step(
         name="report",
-        version=6,
+        version=7,  # 7: one page for any number of objects, whose data lie beside it
         help="write the page people open",
         per=DATASET,
         family="report",
         inputs={
             "index": Input("index_columns", "index.h5"),
             "record": Input("dataset_record", "dataset.json"),
-            "shards": Input("shard", "all shards (HDF5)", many=True),
             "validation": Input(
                 "validation_record", "validation.json, where the validation was run", optional=True
             ),
@@ -326,11 +325,13 @@ STEPS = (
         },
         outputs={
             "page": Output(
-                "report", "report/index.html", "index.html; its pictures and sounds go to assets/ beside it"
+                "report",
+                "report/index.html",
+                "index.html; scripts, styles, index and thumbnails go to page/ beside it",
             )
         },
-        options="dataset:Report",
-        libraries=("jinja2", "matplotlib", "numpy", "h5py", "soundfile"),
+        options="dataset:ReportOptions",
+        libraries=("jinja2", "numpy", "h5py", "pillow"),
         passes_refusals=False,
     ),
     *VALIDATION_STEPS,

@@ -1,12 +1,11 @@
 """The files of the page: its shell, own scripts and styles, the index, and the sheets of thumbnails.
 
-All but the shell lie in one folder, which is named by a hash of their content. The shell names that folder, so it is
-the shell alone that turns an old page into a new one.
+All but the shell lie in one folder, whose name the shell states. So it is the shell alone that turns an old page into a
+new one.
 """
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterable, Mapping
 
 from vibraverse.report import shell
@@ -44,14 +43,6 @@ def files(data: Mapping, thumbs: Iterable[bytes]) -> dict[str, bytes]:
     found["index.js"] = call("vibraverse.index", data).encode("ascii")
     found.update((f"thumbs-{number}.webp", sheet) for number, sheet in enumerate(sheets(thumbs)))
     return found
-
-
-def folder(found: Mapping[str, bytes]) -> str:
-    """Return the name of the folder of these files: a hash of them."""
-    digest = hashlib.sha256()
-    for name, content in sorted(found.items()):
-        digest.update(f"{name}\0{len(content)}\0".encode() + content)
-    return digest.hexdigest()[:12]
 
 
 def html(title: str, kind: str, place: str, learning: str = "") -> str:

@@ -1,7 +1,8 @@
-"""Stage ``report``: the dataset in, a page with its pictures and sounds in a folder beside it out.
+"""Stage ``report``: the dataset's index and the data of its objects on the page in, the page out.
 
-The folder of pictures and sounds is named by a hash of their content, so a page never shows those of another. The
-folder of the previous page stays until the new page is in place.
+The records and thumbnails of the objects lie beside the page, where ``page_object`` wrote them; the rule lists them for
+Snakemake. The page's own files go into a folder that is named by a hash of their content. The folder of the previous
+page stays until the new page is in place.
 """
 
 from __future__ import annotations
@@ -9,41 +10,104 @@ from __future__ import annotations
 import hashlib
 import os
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
 
-from vibraverse.contract import products
+from vibraverse.contract import journal, products
 from vibraverse.contract.stage import Job
 
 
 def run(job: Job) -> None:
-    """Write pictures and sounds, then the page."""
+    """Write the page's own files, then the page."""
     from vibraverse.contract.errors import UsageError
     from vibraverse.dataset.read.index import read_index
-    from vibraverse.dataset.read.reader import Reader
-    from vibraverse.dataset.write.summary import warnings
-    from vibraverse.report import render
+    from vibraverse.report import assembly
+    from vibraverse.report.facts import facts, times
+    from vibraverse.report.index import index, pictured
 
-    record = products.read_json(job.inputs["record"])
+    page, record = job.final["page"], products.read_json(job.inputs["record"])
     try:
-        index = read_index(job.inputs["index"], job.inputs["shards"])
+        dataset = read_index(job.inputs["index"], ())
+        objects = list(dataset.shard_of)
     except (OSError, ValueError) as error:
         raise UsageError(
             f"report: {job.inputs['index']} is not the index.h5 of a dataset: {error}; run the workflow again"
         ) from None
-    with Reader(index) as reader:
-        cards, assets = render.gather(reader, job.options.max_objects)
-        warned, refusals = warnings(reader), reader.refusals
-    parent = job.final["page"].parent / "assets"
-    folder = write_assets(parent, assets)
-    job.afterwards.append(lambda: remove_others(parent, folder))
-    validation = products.read_json(job.inputs["validation"]) if "validation" in job.inputs else None
-    learning = (
-        os.path.relpath(job.inputs["learning"], job.final["page"].parent) if "learning" in job.inputs else ""
-    )
-    page = render.html(
-        job.options.title, record, refusals, cards, f"assets/{folder}", validation, warned, learning
-    )
-    job.outputs["page"].write_text(page, encoding="utf-8")
+    shown = page.parent / "data/objects"
+    costs = _costs(job.options.results, objects) if job.options.kind == "run" else {}
+    rows = dataset.items.rows()
+    found = index(rows, dataset.refusals, _records(shown, objects), list(record["materials"]), costs)
+    learning = os.path.relpath(job.inputs["learning"], page.parent) if "learning" in job.inputs else ""
+    data = {
+        **facts(record, job.options),
+        **found,
+        "times": times(costs),
+        "validation": _validation(job),
+    }
+    named = pictured(found)
+    try:
+        files = assembly.files(data, _thumbnails(shown, named))
+    except ValueError as error:
+        damaged = shown / f"{named[error.args[0]]}.thumb.webp"
+        raise UsageError(f"report: {damaged} is no picture; delete it and run the workflow again") from error
+    parent = page.parent / "page"
+    folder = write_assets(parent, files)
+    job.afterwards += [
+        lambda: remove_others(parent, folder),
+        lambda: shutil.rmtree(page.parent / "assets", ignore_errors=True),  # of the page before version 7
+    ]
+    text = assembly.html(job.options.title, job.options.kind, f"{parent.name}/{folder}", learning)
+    job.outputs["page"].write_text(text, encoding="utf-8")
+
+
+def _records(folder: Path, objects: list[str]) -> dict[str, dict]:
+    """Return the records of the objects that the page can show."""
+    from vibraverse.contract.errors import UsageError
+
+    found = {}
+    for object_id in objects:
+        path = folder / f"{object_id}.json"
+        try:
+            found[object_id] = products.read_json(path)
+        except FileNotFoundError:
+            continue  # the data of the page were not made
+        except ValueError as error:
+            raise UsageError(
+                f"report: {path} is damaged: {error}; delete it and run the workflow again"
+            ) from None
+    return found
+
+
+def _thumbnails(folder: Path, objects: list[str]) -> Iterator[bytes]:
+    from vibraverse.contract.errors import UsageError
+
+    for object_id in objects:
+        path = folder / f"{object_id}.thumb.webp"
+        try:
+            yield path.read_bytes()
+        except FileNotFoundError:
+            raise UsageError(
+                f"report: {path} does not exist, and its record does; delete the record and run the workflow again"
+            ) from None
+
+
+def _validation(job: Job) -> dict | None:
+    if "validation" not in job.inputs:
+        return None
+    record = products.read_json(job.inputs["validation"])
+    return {name: record[name] for name in ("missed", "bodies")}
+
+
+def _costs(results: str, objects: list[str]) -> dict[str, dict[str, float]]:
+    """Return the CPU seconds of each object by stage, from the journal; jobs that passed on a refusal do not count."""
+    found: dict[str, dict[str, float]] = {}
+    for object_id in sorted(journal.names(results) & set(objects)):
+        of_stages: dict[str, float] = {}
+        for one in journal.ended(results, object_id).values():
+            if one.outcome != journal.PASSED_ON:
+                of_stages[one.stage] = of_stages.get(one.stage, 0.0) + one.cpu_s
+        found[object_id] = of_stages
+    return found
 
 
 def write_assets(parent: Path, assets: dict[str, bytes]) -> str:

@@ -11,11 +11,10 @@ _STYLES = {"P1": ("--hollow", "#c2611c", "s"), "P2": ("--solid", "#0f7173", "o")
 _MAX_COLUMNS = 4
 
 
-def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
+def svg(bodies: dict[str, dict]) -> str:
     """Return the plot of ``bodies`` as SVG.
 
-    Each body has a ``title`` and a ``convergence`` as of :func:`~vibraverse.validation.table.convergence`. For
-    ``inside_html`` see :func:`vibraverse.media.plots.as_svg`.
+    Each body has a ``title`` and a ``convergence`` as of :func:`~vibraverse.validation.table.convergence`.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import LogLocator, NullFormatter
@@ -67,4 +66,4 @@ def svg(bodies: dict[str, dict], inside_html: bool = False) -> str:
         figure.legend(curves.values(), curves, loc="outside upper left", ncols=4, frameon=False)
         figure.supxlabel("unknowns", fontsize=9)
         figure.supylabel("error of the frequencies", fontsize=9)
-        return plots.as_svg(figure, dict(style[:2] for style in _STYLES.values()), inside_html)
+        return plots.as_svg(figure, dict(style[:2] for style in _STYLES.values()))

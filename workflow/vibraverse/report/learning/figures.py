@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from vibraverse.media import plots
-from vibraverse.report.render import axis, ticks
 
 #: Colours of the methods, which repeat: the page's variables and what stands for them in a plot.
 INKS = {
@@ -146,3 +146,15 @@ def spectra(rows: Sequence[tuple[str, str, np.ndarray]], true_hz: np.ndarray, sa
         axes.grid(axis="x", color=plots.LINE[1], lw=0.6)
         axes.set_axisbelow(True)
         return plots.as_svg(figure, _COLOURS, inside_html=True)
+
+
+def axis(lowest_hz: float, highest_hz: float) -> tuple[float, float]:
+    """Return the ends in Hz of a logarithmic frequency axis, with an eighth of a decade of margin on both sides."""
+    return float(f"{lowest_hz / 1.33:.3g}"), float(f"{highest_hz * 1.33:.3g}")
+
+
+def ticks(low_hz: float, high_hz: float) -> list[float]:
+    """Return the multiples 1, 2 and 5 of every power of ten between two frequencies in Hz."""
+    decades = range(math.floor(math.log10(low_hz)), math.ceil(math.log10(high_hz)) + 1)
+    found = [step * 10**decade for decade in decades for step in (1, 2, 5)]
+    return [hz for hz in found if low_hz <= hz <= high_hz]

@@ -13,10 +13,10 @@ from vibraverse.learn.samples import Samples
 from vibraverse.learn.scaling import unit_hz
 from vibraverse.learn.sides import TEST, TRAIN
 from vibraverse.report import shell
-from vibraverse.report.content import sound
 from vibraverse.report.learning import comparison, figures, listening, search
 from vibraverse.report.learning.figures import BASELINE, TRUTH, Line, Panel
 from vibraverse.report.learning.trained import Trained, answerers, errors_by_mode
+from vibraverse.report.sounds import sound
 
 #: Bodies to listen to, and the name of the baseline that is played beside the models.
 BODIES, MEAN = 6, "mean spectrum"

@@ -12,10 +12,10 @@ from vibraverse.contract.seeds import stable_hash
 from vibraverse.learn.pools import ALL, DIRECTIONS, SAME, SMALLEST, SOME, alike, key_of
 from vibraverse.learn.samples import Samples
 from vibraverse.learn.sides import TEST
-from vibraverse.report.content import sound
 from vibraverse.report.learning import listening
 from vibraverse.report.learning.comparison import SIDES, Measure
 from vibraverse.report.learning.trained import Trained, answerers
+from vibraverse.report.sounds import sound
 
 #: Sounds to search with, and what is shown of the order of each.
 QUERIES, NEAREST = 12, 5

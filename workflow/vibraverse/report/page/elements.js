@@ -34,14 +34,32 @@ const elements = (() => {
 
   const link = (view, subject, settings) => route.format({ view, subject, settings: new URLSearchParams(settings || {}) });
 
-  // A table from headings and rows; a cell is a text, an element or a list of them. `numbers` are the columns on the right.
+  // Links of which the Tab key stops at one, and arrows go to the others.
+  function rove(root, links) {
+    links.forEach((link, place) => link.setAttribute("tabindex", place === 0 ? "0" : "-1"));
+    root.addEventListener("keydown", (event) => {
+      const here = links.indexOf(document.activeElement);
+      const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
+      const to = { Home: 0, End: links.length - 1 }[event.key] ?? (step === undefined ? -1 : here + step);
+      if (here < 0 || to < 0 || to >= links.length) return;
+      event.preventDefault();
+      links[here].setAttribute("tabindex", "-1");
+      links[to].setAttribute("tabindex", "0");
+      links[to].focus();
+    });
+  }
+
+  // A table from headings and rows; a cell is a text, an element or a list of them. `numbers` are the columns on the
+  // right. Its links are one stop of the Tab key.
   function table(headings, rows, numbers = []) {
     const side = (place) => (numbers.includes(place) ? "number" : null);
     const head = headings.map((text, place) => make("th", { scope: "col", class: side(place) }, text));
     const body = rows.map((cells) => make("tr", {}, cells.map((cell, place) =>
       place === 0 ? make("th", { scope: "row" }, cell) : make("td", { class: side(place) }, cell))));
-    return make("div", { class: "scrolled", tabindex: rows.length && headings.length > 3 ? "0" : null, role: "group", "aria-label": "table" },
-      make("table", {}, make("thead", {}, make("tr", {}, head)), make("tbody", {}, body)));
+    const made = make("table", {}, make("thead", {}, make("tr", {}, head)), make("tbody", {}, body));
+    rove(made, [...made.querySelectorAll("a")]);
+    // Many columns may have to be scrolled, with the keyboard, too.
+    return make("div", { class: "scrolled", ...(headings.length > 3 && { tabindex: "0", role: "group", "aria-label": headings.join(", ") }) }, made);
   }
 
   // Says something to screen readers.
@@ -49,5 +67,5 @@ const elements = (() => {
     document.querySelector("#said").textContent = text;
   }
 
-  return { make, draw, foreign, thumbnail, link, table, say };
+  return { make, draw, foreign, thumbnail, link, table, rove, say };
 })();

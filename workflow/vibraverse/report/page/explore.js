@@ -153,6 +153,7 @@ const explore = (() => {
     let settings = null;
     let wanted = null;
     let typing = 0;
+    let left = null; // the object that one went to from here
 
     function choose(name, value) {
       if (value) settings.set(name, value);
@@ -195,7 +196,8 @@ const explore = (() => {
       parts.count.textContent = refused ? `${count}, ${words.count(refused)} refused in whole or in part` : count;
       parts.none.hidden = found.length > 0;
       parts.reset.hidden = chosen.length === 0;
-      parts.grid.set(found);
+      parts.grid.set(found, Math.max(0, found.indexOf(left)));
+      if (parts.grid.root.getBoundingClientRect().top < 0) scrollTo({ top: 0, behavior: "instant" });
     }
 
     function build(root) {
@@ -267,6 +269,7 @@ const explore = (() => {
       },
       leave() {
         clearTimeout(typing);
+        left = parts.grid.current();
         scrolled.set(route.format({ view: "explore", settings }), scrollY);
         parts.listen.stop();
         parts.grid.stop();

@@ -97,10 +97,12 @@ const grid = (() => {
     const resized = new ResizeObserver(measure);
     return {
       root,
-      // Shows these items, from the first one on.
-      set(given) {
+      // The item that the Tab key stops at.
+      current: () => items[current],
+      // Shows these items; the Tab key stops at the first of them or at another one.
+      set(given, stop = 0) {
         items = given;
-        current = 0;
+        current = stop;
         for (const item of shown.values()) item.remove();
         shown.clear();
         measure();

@@ -33,21 +33,6 @@ const plots = (() => {
     return counts;
   }
 
-  // Links of which the Tab key stops at one, and arrows go to the others.
-  function rove(root, links) {
-    links.forEach((link, place) => link.setAttribute("tabindex", place === 0 ? "0" : "-1"));
-    root.addEventListener("keydown", (event) => {
-      const here = links.indexOf(document.activeElement);
-      const step = { ArrowRight: 1, ArrowDown: 1, ArrowLeft: -1, ArrowUp: -1 }[event.key];
-      const to = { Home: 0, End: links.length - 1 }[event.key] ?? (step === undefined ? -1 : here + step);
-      if (here < 0 || to < 0 || to >= links.length) return;
-      event.preventDefault();
-      links[here].setAttribute("tabindex", "-1");
-      links[to].setAttribute("tabindex", "0");
-      links[to].focus();
-    });
-  }
-
   // Powers of ten within a span, or 1, 2 and 5 times them where those are few.
   function ticks(low, high) {
     const found = [];
@@ -112,7 +97,7 @@ const plots = (() => {
       draw("line", { class: "axis", x1: box.left, x2: box.left + box.width, y1: box.bottom, y2: box.bottom }),
       mark && draw("line", { class: "mark", x1: across(mark, ends, box.left, box.width), x2: across(mark, ends, box.left, box.width), y1: 8, y2: box.bottom }),
       scale(ends, box.left, box.width, box.bottom, say), bars);
-    rove(svg, bars);
+    elements.rove(svg, bars);
     return figure(title, note, svg);
   }
 
@@ -134,7 +119,7 @@ const plots = (() => {
     });
     const svg = draw("svg", { viewBox: `0 0 ${WIDTH} ${bottom + 22}`, role: "group", "aria-label": title },
       parts.flat(), scale(ends, left, WIDTH - left - 4, bottom - 4, say));
-    rove(svg, bars);
+    elements.rove(svg, bars);
     return figure(title, note, svg);
   }
 
@@ -146,7 +131,7 @@ const plots = (() => {
       make("span", { class: "what" }, one.name), make("span", { class: "said" }, one.said),
       make("span", { class: "length", "aria-hidden": "true", style: `--share: ${most > 0 ? one.value / most : 0}` })));
     const list = make("div", { class: "bars", role: "group", "aria-label": title }, links);
-    rove(list, links);
+    elements.rove(list, links);
     return title ? figure(title, note, list, true) : list;
   }
 
