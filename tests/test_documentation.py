@@ -35,6 +35,7 @@ CANNOT = {
     r"snakemake --sdm conda …": "takes Conda",
     r"vibraverse gpus --claim$": "names an option; the whole commands stand in docs/gpu.md",
     r"python docs/images/": "draws for minutes",
+    r"python -m http.server ": "serves until it is stopped; tests/test_report_datasets.py serves the page likewise",
     r"vibraverse predict ": "takes PyTorch and a trained model; tests/learn/test_predict.py runs it",
 }
 #: Blocks without a language that hold no commands, by how they begin, and what they are.
