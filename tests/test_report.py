@@ -231,6 +231,24 @@ def test_a_title_cannot_break_the_page():
     assert text.count("</title>") == 1
 
 
+def test_texts_stand_out_from_their_ground():
+    """Contrast after WCAG 2.1, at least 4.5, in both themes."""
+
+    def luminance(colour: str) -> float:
+        shares = [int(colour[place : place + 2], 16) / 255 for place in (1, 3, 5)]
+        linear = [one / 12.92 if one <= 0.03928 else ((one + 0.055) / 1.055) ** 2.4 for one in shares]
+        return float(np.dot(linear, (0.2126, 0.7152, 0.0722)))
+
+    themes = re.findall(r":root[^{]*\{([^}]*)\}", assembly.shell.text("style.css"))
+    assert len(themes) == 2
+    for theme in themes:
+        colours = dict(re.findall(r"--(\w+): (#[0-9a-f]{6})", theme))
+        for ink in ("ink", "soft", "solid", "hollow", "warn"):
+            for ground in ("paper", "sheet", "tint"):
+                low, high = sorted((luminance(colours[ink]), luminance(colours[ground])))
+                assert (high + 0.05) / (low + 0.05) >= 4.5, (ink, ground, colours)
+
+
 def test_assets_of_another_page_stay_until_they_are_removed(tmp_path):
     first = write_assets(tmp_path, {"a/b.txt": b"1"})
     (tmp_path / ".1.partial").mkdir()

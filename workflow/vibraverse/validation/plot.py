@@ -7,7 +7,7 @@ import math
 from vibraverse.media import plots
 
 #: Order -> the page's colour variable, the default colour, and the marker.
-_STYLES = {"P1": ("--hollow", "#c2611c", "s"), "P2": ("--solid", "#0f7173", "o")}
+_STYLES = {"P1": ("--hollow", "#ad5212", "s"), "P2": ("--solid", "#0f7173", "o")}
 _MAX_COLUMNS = 4
 
 

@@ -97,7 +97,10 @@ const overview = (() => {
         warnings.length > 0 && make("p", {}, make("a", { href: elements.link("run", "", { part: "warnings" }) }, "What they say")))));
   }
 
-  function copied(text) {
+  // A sentence whose words in backticks are code.
+  const coded = (text) => text.split("`").map((part, place) => (place % 2 ? make("code", {}, part) : part));
+
+  function copied(text, wrapped) {
     const button = make("button", { type: "button", class: "quiet", on: {
       async click() {
         try {
@@ -110,7 +113,7 @@ const overview = (() => {
       },
     } }, "Copy");
     const code = make("code", {}, text);
-    return make("div", { class: "snippet" }, make("pre", { tabindex: "0", role: "group", "aria-label": "Text to copy" }, code), button);
+    return make("div", { class: wrapped ? "snippet wrapped" : "snippet" }, make("pre", { tabindex: "0", role: "group", "aria-label": "Text to copy" }, code), button);
   }
 
   function publication(shelf) {
@@ -123,9 +126,9 @@ const overview = (() => {
         fact(said.licences.length === 1 ? "Licence" : "Licences of the sources", said.licences.map((one) => one || "not stated").join(", ") || "not stated"),
         fact("Version", `${said.version}${said.published ? `, ${said.published}` : ""}`),
         said.url && fact("Address", web ? make("a", { href: said.url, rel: "noopener" }, said.url) : said.url)),
-      copied(said.citation)),
-      make("div", { class: "panel" }, make("h3", {}, "Load it in Python"), copied(said.loader)),
-      make("div", { class: "panel wide" }, make("h3", {}, "Known limits"), make("ul", {}, said.limits.map((one) => make("li", {}, one))))));
+      copied(said.citation, true)),
+      make("div", { class: "panel" }, make("h3", {}, "Load it in Python"), copied(said.loader, false)),
+      make("div", { class: "panel wide" }, make("h3", {}, "Known limits"), make("ul", {}, said.limits.map((one) => make("li", {}, coded(one)))))));
   }
 
   function numbers(shelf, settings) {
