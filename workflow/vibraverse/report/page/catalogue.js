@@ -7,7 +7,8 @@ const catalogue = (() => {
   const MOST = 60; // values of a facet that are offered
   const CODED = ["source", "family", "licence", "split"];
 
-  // Decay rate in 1/s of a mode of `hz` in a material, and the time in s in which it falls by 60 dB; 0 if it does not ring.
+  // Decay rate in 1/s of a mode of `hz` in a material, and the time in s in which it falls by 60 dB; 0 if it does not
+  // ring.
   const decay = (hz, material) => 0.5 * (material.alpha + material.beta * (2 * Math.PI * hz) ** 2);
   function ring(hz, material) {
     const rate = decay(hz, material);
@@ -27,7 +28,11 @@ const catalogue = (() => {
     const first = materials[0];
     const law = first && lastHz > 0 ? weyl(lastHz, volume, first) : 0;
     return {
-      volume, error, warned, modes, f1,
+      volume,
+      error,
+      warned,
+      modes,
+      f1,
       ring: f1.map((hz, place) => ring(hz, materials[place])),
       density: law > 0 ? modes / law : 0,
     };
@@ -38,7 +43,12 @@ const catalogue = (() => {
     const { materials } = data;
     const place = Object.fromEntries(data.columns.map((name, number) => [name, number]));
     const entries = data.rows.map((row) => {
-      const entry = { id: row[place.id], size: row[place.size_m], version: row[place.version], thumb: row[place.thumb] };
+      const entry = {
+        id: row[place.id],
+        size: row[place.size_m],
+        version: row[place.version],
+        thumb: row[place.thumb],
+      };
       entry.title = row[place.title] || entry.id;
       for (const name of CODED) entry[name] = data.names[name][row[place[name]]] || "";
       entry.cost = row[place.cpu_s];
@@ -80,19 +90,23 @@ const catalogue = (() => {
     split: { name: "Split", of: (entry) => [entry.split] },
     state: {
       name: "State",
-      of: (entry, seen) => [
-        entry.refused.length ? "refused" : "",
-        ...entry.refused.map((one) => `refused: ${one.reason}`),
-        Object.keys(entry.bodies).length ? "made" : "",
-        ...seen.kinds.filter((_, bit) => (entry.warned >> bit) & 1).map((kind) => `warning: ${kind}`),
-        entry.warned ? "with warnings" : "",
-      ].filter(Boolean),
+      of: (entry, seen) =>
+        [
+          entry.refused.length ? "refused" : "",
+          ...entry.refused.map((one) => `refused: ${one.reason}`),
+          Object.keys(entry.bodies).length ? "made" : "",
+          ...seen.kinds.filter((_, bit) => (entry.warned >> bit) & 1).map((kind) => `warning: ${kind}`),
+          entry.warned ? "with warnings" : "",
+        ].filter(Boolean),
     },
     dearest: { name: "Slowest stage", of: (entry) => [entry.dearest] },
   };
   const inBodies = (number) => (entry, seen) => {
     const bodies = seen.solidity ? [entry.bodies[seen.solidity]] : Object.values(entry.bodies);
-    return bodies.filter(Boolean).map((one) => number(one, seen)).filter((value) => value > 0);
+    return bodies
+      .filter(Boolean)
+      .map((one) => number(one, seen))
+      .filter((value) => value > 0);
   };
   const SPANS = {
     f1: { name: "Lowest frequency", unit: "Hz", of: inBodies((one, seen) => one.f1[seen.material]) },
@@ -116,17 +130,33 @@ const catalogue = (() => {
   function asked(settings, shelf) {
     const material = shelf.materials.indexOf(settings.get("material"));
     const solidity = shelf.solidities.includes(settings.get("solidity")) ? settings.get("solidity") : "";
-    const wanted = { seen: { material: Math.max(material, 0), solidity, kinds: shelf.data.warnings.map((one) => one.kind) } };
+    const wanted = {
+      seen: { material: Math.max(material, 0), solidity, kinds: shelf.data.warnings.map((one) => one.kind) },
+    };
     wanted.words = (settings.get("q") || "").toLowerCase().split(/\s+/).filter(Boolean);
-    wanted.values = Object.fromEntries(Object.keys(FACETS).map((name) => [name, settings.get(name) ?? ""]).filter(([, value]) => value));
-    wanted.spans = Object.fromEntries(Object.keys(SPANS).map((name) => [name, span(settings.get(name))]).filter(([, value]) => value));
+    wanted.values = Object.fromEntries(
+      Object.keys(FACETS)
+        .map((name) => [name, settings.get(name) ?? ""])
+        .filter(([, value]) => value),
+    );
+    wanted.spans = Object.fromEntries(
+      Object.keys(SPANS)
+        .map((name) => [name, span(settings.get(name))])
+        .filter(([, value]) => value),
+    );
     wanted.sort = SORTS[settings.get("sort")] ? settings.get("sort") : "name";
     return wanted;
   }
 
   function fits(entry, wanted, besides) {
     const { seen } = wanted;
-    if (seen.solidity && besides !== "solidity" && !entry.bodies[seen.solidity] && !entry.refused.some((one) => !one.solidity || one.solidity === seen.solidity)) return false;
+    if (
+      seen.solidity &&
+      besides !== "solidity" &&
+      !entry.bodies[seen.solidity] &&
+      !entry.refused.some((one) => !one.solidity || one.solidity === seen.solidity)
+    )
+      return false;
     for (const word of wanted.words) if (!entry.words.includes(word)) return false;
     for (const [name, value] of Object.entries(wanted.values)) {
       if (name !== besides && !FACETS[name].of(entry, seen).includes(value)) return false;
@@ -151,7 +181,8 @@ const catalogue = (() => {
     const counts = new Map();
     for (const entry of shelf.entries) {
       if (!fits(entry, wanted, name)) continue;
-      for (const value of FACETS[name].of(entry, wanted.seen)) if (value) counts.set(value, (counts.get(value) || 0) + 1);
+      for (const value of FACETS[name].of(entry, wanted.seen))
+        if (value) counts.set(value, (counts.get(value) || 0) + 1);
     }
     const chosen = wanted.values[name];
     if (chosen && !counts.has(chosen)) counts.set(chosen, 0);

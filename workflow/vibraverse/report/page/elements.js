@@ -8,10 +8,14 @@ const elements = (() => {
   // Attributes as given; `on` holds listeners, and a value of false or null leaves an attribute out.
   function fill(element, attributes, children) {
     for (const [name, value] of Object.entries(attributes || {})) {
-      if (name === "on") for (const [event, listener] of Object.entries(value)) element.addEventListener(event, listener);
-      else if (value !== false && value !== null && value !== undefined) element.setAttribute(name, value === true ? "" : value);
+      if (name === "on")
+        for (const [event, listener] of Object.entries(value)) element.addEventListener(event, listener);
+      else if (value !== false && value !== null && value !== undefined)
+        element.setAttribute(name, value === true ? "" : value);
     }
-    element.append(...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
+    element.append(
+      ...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false),
+    );
     return element;
   }
   const make = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
@@ -19,6 +23,12 @@ const elements = (() => {
 
   // A text that somebody else wrote, such as a title: it keeps its direction to itself.
   const foreign = (text, attributes) => make("bdi", attributes, text);
+
+  // The title of an entry, and its id where that is another: siblings of a family share their title.
+  function named(entry, attributes) {
+    const title = foreign(entry.title, attributes);
+    return entry.title === entry.id ? [title] : [title, " ", make("code", { class: "id" }, entry.id)];
+  }
 
   // The thumbnail of an entry, cut out of its sheet; a plain tile where it has none.
   function thumbnail(entry) {
@@ -32,7 +42,8 @@ const elements = (() => {
     return tile;
   }
 
-  const link = (view, subject, settings) => route.format({ view, subject, settings: new URLSearchParams(settings || {}) });
+  const link = (view, subject, settings) =>
+    route.format({ view, subject, settings: new URLSearchParams(settings || {}) });
 
   // Links of which the Tab key stops at one, and arrows go to the others.
   function rove(root, links) {
@@ -54,12 +65,33 @@ const elements = (() => {
   function table(headings, rows, numbers = []) {
     const side = (place) => (numbers.includes(place) ? "number" : null);
     const head = headings.map((text, place) => make("th", { scope: "col", class: side(place) }, text));
-    const body = rows.map((cells) => make("tr", {}, cells.map((cell, place) =>
-      place === 0 ? make("th", { scope: "row" }, cell) : make("td", { class: side(place) }, cell))));
-    const made = make("table", {}, make("thead", {}, make("tr", {}, head)), make("tbody", {}, body));
+    const body = rows.map((cells) =>
+      make(
+        "tr",
+        {},
+        cells.map((cell, place) =>
+          place === 0
+            ? make("th", { scope: "row" }, cell)
+            : make("td", { class: side(place), "data-name": headings[place] }, cell),
+        ),
+      ),
+    );
+    const made = make(
+      "table",
+      { class: headings.length > 3 ? null : "stacked" },
+      make("thead", {}, make("tr", {}, head)),
+      make("tbody", {}, body),
+    );
     rove(made, [...made.querySelectorAll("a")]);
     // Many columns may have to be scrolled, with the keyboard, too.
-    return make("div", { class: "scrolled", ...(headings.length > 3 && { tabindex: "0", role: "group", "aria-label": headings.join(", ") }) }, made);
+    return make(
+      "div",
+      {
+        class: "scrolled",
+        ...(headings.length > 3 && { tabindex: "0", role: "group", "aria-label": headings.join(", ") }),
+      },
+      made,
+    );
   }
 
   // Says something to screen readers.
@@ -67,5 +99,5 @@ const elements = (() => {
     document.querySelector("#said").textContent = text;
   }
 
-  return { make, draw, foreign, thumbnail, link, table, rove, say };
+  return { make, draw, foreign, named, thumbnail, link, table, rove, say };
 })();

@@ -3,13 +3,17 @@
 
 const explore = (() => {
   const { make, foreign } = elements;
-  const CELL = { width: 290, height: 124, gap: 12 };
+  const CELL = { width: 290, height: 134, gap: 12 };
   const HOVER_MS = 90; // a pointer that only passes by asks for nothing
   const QUICK_MS = 120; // a pause in typing
   const LEVEL_DB = -12; // of the loudest moment of what is heard here
   const SAY = {
-    f1: words.frequency, ring: words.duration, size: words.length, volume: words.volume,
-    density: (value) => `${words.number(value)}×`, error: words.percent,
+    f1: words.frequency,
+    ring: words.duration,
+    size: words.length,
+    volume: words.volume,
+    density: (value) => `${words.number(value)}×`,
+    error: words.percent,
   };
   const scrolled = new Map(); // how far each address was scrolled, to come back to
 
@@ -28,36 +32,64 @@ const explore = (() => {
       .map(([solidity, body]) => make("span", { class: solidity }, words.frequency(body.f1[seen.material])));
   }
 
+  // What to know of an object's bodies, in short and in full.
   function noted(entry, shelf) {
-    const notes = entry.refused.filter((one) => one.solidity).map((one) => `No ${one.solidity} body: ${shelf.data.reasons[one.reason]}`);
-    const kinds = shelf.data.warnings.filter((_, bit) => (entry.warned >> bit) & 1).length;
-    if (kinds) notes.push(words.plural(kinds, "warning"));
-    return notes.join(" · ");
+    const missing = entry.refused.filter((one) => one.solidity);
+    const kinds = shelf.data.warnings.filter((_, bit) => (entry.warned >> bit) & 1);
+    const short = [
+      ...missing.map((one) => `no ${one.solidity} body`),
+      kinds.length && words.plural(kinds.length, "warning"),
+    ];
+    const full = [
+      ...missing.map(
+        (one) => `No ${one.solidity} body: ${shelf.data.reasons[one.reason]}. ${one.message} ${one.advice}`,
+      ),
+      ...kinds.map((one) => `Warning: ${one.sentence}.`),
+    ];
+    return { short: short.filter(Boolean).join(" · "), full: full.join(" ") };
   }
 
   // An object as a link with its thumbnail and its numbers; a refused one says why, and what to do.
   function card(entry, seen, shelf) {
     const settings = shelf.materials.length > 1 ? { material: shelf.materials[seen.material] } : {};
     if (seen.solidity) settings.solidity = seen.solidity;
-    const name = foreign(entry.title, { class: "name" });
+    const name = elements.named(entry, { class: "name" });
     const whole = entry.refused.find((one) => !one.solidity) || (!Object.keys(entry.bodies).length && entry.refused[0]);
     const href = elements.link("object", entry.id, settings);
     if (whole) {
       const why = words.capital(shelf.data.reasons[whole.reason]);
       const said = `${why}, at ${whole.stage}. ${whole.message} ${whole.advice}`;
-      return make("a", { class: "item gone", href, title: said },
-        make("span", { class: "text" }, make("span", { class: "title" }, name, make("small", {}, "refused")), make("b", {}, why),
-          foreign(`${whole.message} ${whole.advice}`, { class: "why" })));
+      return make(
+        "a",
+        { class: "item gone", href, title: said },
+        make(
+          "span",
+          { class: "text" },
+          make("span", { class: "title" }, name, make("small", {}, "refused")),
+          make("b", {}, why),
+          foreign(`${whole.message} ${whole.advice}`, { class: "why" }),
+        ),
+      );
     }
     const rings = catalogue.SPANS.ring.of(entry, seen);
-    const facts = [entry.size ? words.length(entry.size) : "", rings.length ? `rings ${words.duration(Math.max(...rings))}` : ""];
+    const facts = [
+      entry.size ? words.length(entry.size) : "",
+      rings.length ? `rings ${words.duration(Math.max(...rings))}` : "",
+    ];
     const note = noted(entry, shelf);
-    return make("a", { class: "item", href },
+    return make(
+      "a",
+      { class: "item", href, title: note.full || null },
       elements.thumbnail(entry),
-      make("span", { class: "text" }, name,
+      make(
+        "span",
+        { class: "text" },
+        name,
         make("span", { class: "pitch" }, frequencies(entry, seen)),
         make("span", { class: "soft" }, facts.filter(Boolean).join(" · ")),
-        note && make("span", { class: "note" }, note)));
+        note.short && make("span", { class: "note" }, note.short),
+      ),
+    );
   }
 
   // The sound of an object where it is struck everywhere alike, from its own file.
@@ -87,17 +119,24 @@ const explore = (() => {
       if (voice) voice.stop();
       voice = null;
     };
-    const button = make("button", {
-      type: "button", class: "quiet", "aria-pressed": "false", title: "Every sound is made equally loud here",
-      on: {
-        click() {
-          on = !on;
-          button.setAttribute("aria-pressed", on);
-          if (on) sound.unlock();
-          else stop();
+    const button = make(
+      "button",
+      {
+        type: "button",
+        class: "quiet",
+        "aria-pressed": "false",
+        title: "Every sound is made equally loud here",
+        on: {
+          click() {
+            on = !on;
+            button.setAttribute("aria-pressed", on);
+            if (on) sound.unlock();
+            else stop();
+          },
         },
       },
-    }, "Hear on hover");
+      "Hear on hover",
+    );
     return {
       button,
       stop,
@@ -123,7 +162,12 @@ const explore = (() => {
     // Offers values with their counts; hides the facet where there is nothing to choose.
     const offer = (values, chosen, any, say = (value) => value, more = 0) => {
       const options = values.map(([value, count]) =>
-        make("option", { value, selected: value === chosen }, count === null ? say(value) : `${say(value)} (${words.count(count)})`));
+        make(
+          "option",
+          { value, selected: value === chosen },
+          count === null ? say(value) : `${say(value)} (${words.count(count)})`,
+        ),
+      );
       if (any !== null) options.unshift(make("option", { value: "", selected: !chosen }, any));
       if (more) options.push(make("option", { disabled: true }, `… ${words.count(more)} more: use the search`));
       select.replaceChildren(...options);
@@ -138,13 +182,26 @@ const explore = (() => {
       const [low, high] = ends.map((input) => input.value.trim());
       choose(name, low === "" && high === "" ? "" : `${low}..${high}`);
     };
-    const ends = ["from", "to"].map((which) => make("input", {
-      type: "number", min: "0", step: "any", placeholder: which, "aria-label": `${title} ${which}, in ${unit}`, on: { change: send },
-    }));
-    const root = make("fieldset", { class: "range" }, make("legend", {}, title, " ", make("small", {}, unit)), make("span", {}, ends));
-    const set = (found) => ends.forEach((input, place) => {
-      input.value = found && Number.isFinite(found[place]) ? found[place] : "";
-    });
+    const ends = ["from", "to"].map((which) =>
+      make("input", {
+        type: "number",
+        min: "0",
+        step: "any",
+        placeholder: which,
+        "aria-label": `${title} ${which}, in ${unit}`,
+        on: { change: send },
+      }),
+    );
+    const root = make(
+      "fieldset",
+      { class: "range" },
+      make("legend", {}, title, " ", make("small", {}, unit)),
+      make("span", {}, ends),
+    );
+    const set = (found) =>
+      ends.forEach((input, place) => {
+        input.value = found && Number.isFinite(found[place]) ? found[place] : "";
+      });
     return { root, set };
   }
 
@@ -163,15 +220,25 @@ const explore = (() => {
     }
 
     function chips() {
-      const chip = (name, text) => make("button", {
-        type: "button", class: "chip", "aria-label": `Remove the filter ${text}`, on: { click: () => choose(name, "") },
-      }, foreign(text), make("span", { "aria-hidden": "true" }, "×"));
+      const chip = (name, text) =>
+        make(
+          "button",
+          {
+            type: "button",
+            class: "chip",
+            "aria-label": `Remove the filter ${text}`,
+            on: { click: () => choose(name, "") },
+          },
+          foreign(text),
+          make("span", { "aria-hidden": "true" }, "×"),
+        );
       return [
         ...(wanted.words.length ? [chip("q", `“${settings.get("q")}”`)] : []),
         ...(wanted.seen.solidity ? [chip("solidity", wanted.seen.solidity)] : []),
         ...Object.entries(wanted.values).map(([name, value]) => chip(name, called(shelf, name, value))),
         ...Object.entries(wanted.spans).map(([name, ends]) =>
-          chip(name, `${catalogue.SPANS[name].name}: ${words.between(ends, SAY[name])}`)),
+          chip(name, `${catalogue.SPANS[name].name}: ${words.between(ends, SAY[name])}`),
+        ),
       ];
     }
 
@@ -191,7 +258,10 @@ const explore = (() => {
       const chosen = chips();
       parts.chips.replaceChildren(...chosen);
       const total = shelf.entries.length;
-      const count = found.length === total ? words.plural(total, "object") : `${words.count(found.length)} of ${words.plural(total, "object")}`;
+      const count =
+        found.length === total
+          ? words.plural(total, "object")
+          : `${words.count(found.length)} of ${words.plural(total, "object")}`;
       const refused = found.filter((entry) => entry.refused.length).length;
       parts.count.textContent = refused ? `${count}, ${words.count(refused)} refused in whole or in part` : count;
       parts.none.hidden = found.length > 0;
@@ -216,7 +286,10 @@ const explore = (() => {
         return item;
       };
       const find = make("input", {
-        type: "search", placeholder: "Find an object", "aria-label": "Find an object by name, family or source", autocomplete: "off",
+        type: "search",
+        placeholder: "Find an object",
+        "aria-label": "Find an object by name, family or source",
+        autocomplete: "off",
         on: {
           input() {
             clearTimeout(typing);
@@ -225,7 +298,11 @@ const explore = (() => {
         },
       });
       const names = Object.entries(catalogue.SORTS).map(([value, { name }]) => make("option", { value }, name));
-      const sort = make("select", { on: { change: () => choose("sort", sort.value === "name" ? "" : sort.value) } }, names);
+      const sort = make(
+        "select",
+        { on: { change: () => choose("sort", sort.value === "name" ? "" : sort.value) } },
+        names,
+      );
       const facets = Object.fromEntries([
         ["material", facet("material", "Numbers in", choose)],
         ["solidity", facet("solidity", "Body", choose)],
@@ -233,26 +310,61 @@ const explore = (() => {
       ]);
       const ranges = Object.fromEntries(["f1", "ring", "size"].map((name) => [name, range(name, choose)]));
       parts = {
-        find, sort, facets, ranges, listen,
+        find,
+        sort,
+        facets,
+        ranges,
+        listen,
         chips: make("div", { class: "chips" }),
         count: make("p", { class: "count-line", role: "status" }),
-        none: make("p", { class: "empty", hidden: true }, "No object fits. Take a filter away, or ",
-          make("button", { type: "button", class: "quiet", on: { click: again } }, "show all objects")),
+        none: make(
+          "p",
+          { class: "empty", hidden: true },
+          "No object fits. Take a filter away, or ",
+          make("button", { type: "button", class: "quiet", on: { click: again } }, "show all objects"),
+        ),
         reset: make("button", { type: "button", class: "plain", on: { click: again } }, "Clear filters"),
         grid: grid.build("Objects", CELL, drawn),
       };
-      const choices = make("details", { class: "choices", open: matchMedia("(min-width: 861px)").matches },
+      const choices = make(
+        "details",
+        { class: "choices", open: matchMedia("(min-width: 861px)").matches },
         make("summary", {}, "Filters"),
-        Object.values(facets).map((one) => one.label), Object.values(ranges).map((one) => one.root));
+        Object.values(facets).map((one) => one.label),
+        Object.values(ranges).map((one) => one.root),
+      );
       root.append(
         make("h1", { class: "visually-hidden", tabindex: "-1" }, "Explore the objects"),
-        make("div", { class: "explore" },
-          make("form", { class: "side", role: "search", "aria-label": "Filters", on: { submit: (event) => event.preventDefault() } }, find, choices),
-          make("div", { class: "found" },
-            make("div", { class: "tools" }, parts.count, listen.button,
-              make("label", { class: "sort" }, make("span", {}, "Sort by"), sort)),
+        make(
+          "div",
+          { class: "explore" },
+          make(
+            "form",
+            {
+              class: "side",
+              role: "search",
+              "aria-label": "Filters",
+              on: { submit: (event) => event.preventDefault() },
+            },
+            find,
+            choices,
+          ),
+          make(
+            "div",
+            { class: "found" },
+            make(
+              "div",
+              { class: "tools" },
+              parts.count,
+              listen.button,
+              make("label", { class: "sort" }, make("span", {}, "Sort by"), sort),
+            ),
             make("div", { class: "chosen" }, parts.chips, parts.reset),
-            parts.none, parts.grid.root)));
+            parts.none,
+            parts.grid.root,
+          ),
+        ),
+      );
     }
 
     return {

@@ -7,7 +7,11 @@ const grid = (() => {
 
   // `cell` is {width, height, gap} in pixels, the width at least; `draw(item)` returns the link of an item.
   function build(label, cell, draw) {
-    const hint = elements.make("p", { id: "grid-hint", class: "visually-hidden" }, "Arrow keys move from object to object.");
+    const hint = elements.make(
+      "p",
+      { id: "grid-hint", class: "visually-hidden" },
+      "Arrow keys move from object to object.",
+    );
     const list = elements.make("ul", { class: "grid", "aria-label": label, "aria-describedby": "grid-hint" });
     const root = elements.make("div", {}, hint, list);
     const shown = new Map(); // list items by number
@@ -80,8 +84,16 @@ const grid = (() => {
     list.addEventListener("keydown", (event) => {
       if (event.altKey || event.ctrlKey || event.metaKey) return;
       const page = columns * rowsInSight();
-      const steps = { ArrowRight: 1, ArrowLeft: -1, ArrowDown: columns, ArrowUp: -columns, PageDown: page, PageUp: -page };
-      const to = { Home: 0, End: items.length - 1 }[event.key] ?? (event.key in steps ? current + steps[event.key] : null);
+      const steps = {
+        ArrowRight: 1,
+        ArrowLeft: -1,
+        ArrowDown: columns,
+        ArrowUp: -columns,
+        PageDown: page,
+        PageUp: -page,
+      };
+      const to =
+        { Home: 0, End: items.length - 1 }[event.key] ?? (event.key in steps ? current + steps[event.key] : null);
       if (to === null) return;
       event.preventDefault();
       move(to);

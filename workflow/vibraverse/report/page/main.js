@@ -29,7 +29,9 @@
   }
 
   function failed(error) {
-    main.replaceChildren(elements.make("p", { class: "alone", role: "alert" }, `The list of objects cannot be shown. ${error.message}.`));
+    main.replaceChildren(
+      elements.make("p", { class: "alone", role: "alert" }, `The list of objects cannot be shown. ${error.message}.`),
+    );
   }
 
   // The link to skip the head would be taken for a view.

@@ -11,7 +11,10 @@ const plots = (() => {
 
   // Logarithmic bins for positive values, as their edges; few enough to be hit with a finger.
   function edges(values) {
-    const [low, high] = values.reduce(([least, most], one) => [Math.min(least, one), Math.max(most, one)], [Infinity, 0]);
+    const [low, high] = values.reduce(
+      ([least, most], one) => [Math.min(least, one), Math.max(most, one)],
+      [Infinity, 0],
+    );
     for (const fineness of FINENESS) {
       const first = Math.floor(Math.log10(low) * fineness);
       const last = Math.floor(Math.log10(high) * fineness) + 1;
@@ -56,8 +59,14 @@ const plots = (() => {
       free = x + half + 14;
       return true;
     });
-    return marks.map((one) => draw("g", { class: "tick", transform: `translate(${across(one, ends, left, width)} ${y})` },
-      draw("line", { y2: 4 }), draw("text", { y: 16 }, say(one))));
+    return marks.map((one) =>
+      draw(
+        "g",
+        { class: "tick", transform: `translate(${across(one, ends, left, width)} ${y})` },
+        draw("line", { y2: 4 }),
+        draw("text", { y: 16 }, say(one)),
+      ),
+    );
   }
 
   // Bars of one row: `series` are {name, values}, drawn one on the other; `href(low, high)` is where a bar leads.
@@ -70,7 +79,8 @@ const plots = (() => {
       const x = across(ends[bin], ends, box.left, box.width);
       const wide = Math.max(1.5, across(ends[bin + 1], ends, box.left, box.width) - x - 1.5);
       const said = counts.map((some, which) => [some[bin], series[which].name]).filter(([count]) => count);
-      const label = `${words.between([ends[bin], ends[bin + 1]], say)}: ${said.map(([count, name]) => `${words.count(count)} ${name}`).join(", ")}`;
+      const bodies = said.map(([count, name]) => `${words.count(count)} ${name}`).join(", ");
+      const label = `${words.between([ends[bin], ends[bin + 1]], say)}: ${bodies}`;
       let y = box.bottom;
       const parts = said.map(([count, name]) => {
         const high = (box.height * count) / most;
@@ -78,12 +88,25 @@ const plots = (() => {
         return draw("rect", { class: name, x, y, width: wide, height: Math.max(0.5, high) });
       });
       const reach = draw("rect", { class: "reach", x, y: box.bottom - box.height, width: wide, height: box.height });
-      return [draw("a", { class: "bar", href: href(ends[bin], ends[bin + 1]), "aria-label": label }, draw("title", {}, label), reach, parts)];
+      return [
+        draw(
+          "a",
+          { class: "bar", href: href(ends[bin], ends[bin + 1]), "aria-label": label },
+          draw("title", {}, label),
+          reach,
+          parts,
+        ),
+      ];
     });
   }
 
   function figure(title, note, content, wide = false) {
-    return make("figure", { class: wide ? "plot wide" : "plot" }, make("figcaption", {}, make("strong", {}, title), note && make("small", {}, note)), content);
+    return make(
+      "figure",
+      { class: wide ? "plot wide" : "plot" },
+      make("figcaption", {}, make("strong", {}, title), note && make("small", {}, note)),
+      content,
+    );
   }
 
   // A histogram on a logarithmic axis; null without values. `mark` is a value with a line of its own.
@@ -93,10 +116,21 @@ const plots = (() => {
     const ends = edges(mark ? [...values, mark] : values);
     const box = { left: 4, width: WIDTH - 8, bottom: 118, height: 104 };
     const bars = row(series, ends, box, say, href);
-    const svg = draw("svg", { viewBox: `0 0 ${WIDTH} 142`, role: "group", "aria-label": title },
+    const svg = draw(
+      "svg",
+      { viewBox: `0 0 ${WIDTH} 142`, role: "group", "aria-label": title },
       draw("line", { class: "axis", x1: box.left, x2: box.left + box.width, y1: box.bottom, y2: box.bottom }),
-      mark && draw("line", { class: "mark", x1: across(mark, ends, box.left, box.width), x2: across(mark, ends, box.left, box.width), y1: 8, y2: box.bottom }),
-      scale(ends, box.left, box.width, box.bottom, say), bars);
+      mark &&
+        draw("line", {
+          class: "mark",
+          x1: across(mark, ends, box.left, box.width),
+          x2: across(mark, ends, box.left, box.width),
+          y1: 8,
+          y2: box.bottom,
+        }),
+      scale(ends, box.left, box.width, box.bottom, say),
+      bars,
+    );
     elements.rove(svg, bars);
     return figure(title, note, svg);
   }
@@ -114,11 +148,22 @@ const plots = (() => {
       const own = row(one.series, ends, box, (value) => say(value), one.href);
       own.forEach((bar) => bar.setAttribute("aria-label", `${one.name}, ${bar.getAttribute("aria-label")}`));
       bars.push(...own);
-      return [draw("text", { class: "name", x: left - 8, y: box.bottom - 5 }, one.name.length > 11 ? `${one.name.slice(0, 10)}…` : one.name),
-        draw("line", { class: "axis", x1: left, x2: WIDTH - 4, y1: box.bottom, y2: box.bottom }), own];
+      return [
+        draw(
+          "text",
+          { class: "name", x: left - 8, y: box.bottom - 5 },
+          one.name.length > 11 ? `${one.name.slice(0, 10)}…` : one.name,
+        ),
+        draw("line", { class: "axis", x1: left, x2: WIDTH - 4, y1: box.bottom, y2: box.bottom }),
+        own,
+      ];
     });
-    const svg = draw("svg", { viewBox: `0 0 ${WIDTH} ${bottom + 22}`, role: "group", "aria-label": title },
-      parts.flat(), scale(ends, left, WIDTH - left - 4, bottom - 4, say));
+    const svg = draw(
+      "svg",
+      { viewBox: `0 0 ${WIDTH} ${bottom + 22}`, role: "group", "aria-label": title },
+      parts.flat(),
+      scale(ends, left, WIDTH - left - 4, bottom - 4, say),
+    );
     elements.rove(svg, bars);
     return figure(title, note, svg);
   }
@@ -127,33 +172,52 @@ const plots = (() => {
   function bars({ title, note, rows }) {
     if (!rows.length) return null;
     const most = Math.max(...rows.map((one) => one.value));
-    const links = rows.map((one) => make("a", { class: "named", href: one.href },
-      make("span", { class: "what" }, one.name), make("span", { class: "said" }, one.said),
-      make("span", { class: "length", "aria-hidden": "true", style: `--share: ${most > 0 ? one.value / most : 0}` })));
+    const links = rows.map((one) =>
+      make(
+        "a",
+        { class: "named", href: one.href },
+        make("span", { class: "what" }, one.name),
+        make("span", { class: "said" }, one.said),
+        make("span", { class: "length", "aria-hidden": "true", style: `--share: ${most > 0 ? one.value / most : 0}` }),
+      ),
+    );
     const list = make("div", { class: "bars", role: "group", "aria-label": title }, links);
     elements.rove(list, links);
     return title ? figure(title, note, list, true) : list;
   }
 
-  // Errors against unknowns, both logarithmic, one panel for a body: {title, convergence: {kind: {unknowns, errors, slope}}}.
+  // Errors against unknowns, both logarithmic, of a body: {title, convergence: {kind: {unknowns, errors, slope}}}.
   function convergence(body, limits) {
     const [left, wide, top, bottom] = [38, 190, 10, 116];
     const x = (value) => across(value, limits.unknowns, left, wide);
-    const y = (value) => bottom - (across(value, limits.errors, 0, bottom - top));
+    const y = (value) => bottom - across(value, limits.errors, 0, bottom - top);
     const curves = Object.entries(body.convergence).map(([kind, { unknowns, errors, slope }]) => {
       const [order, corrected] = kind.split(" ");
       const points = unknowns.map((one, place) => [x(one), y(errors[place])]);
       const [lastX, lastY] = points[points.length - 1];
-      return draw("g", { class: `curve ${order}${corrected ? "" : " dotted"}` },
+      return draw(
+        "g",
+        { class: `curve ${order}${corrected ? "" : " dotted"}` },
         draw("polyline", { points: points.map((point) => point.join()).join(" ") }),
         points.map(([cx, cy]) => draw("circle", { cx, cy, r: 2.4 })),
-        slope !== null && draw("text", { x: lastX + 6, y: lastY + 3 }, slope.toFixed(2).replace("-", "−")));
+        slope !== null && draw("text", { x: lastX + 6, y: lastY + 3 }, slope.toFixed(2).replace("-", "−")),
+      );
     });
-    const rows = ticks(...limits.errors).map((one) => draw("g", {},
-      draw("line", { class: "grid", x1: left, x2: left + wide, y1: y(one), y2: y(one) }),
-      draw("text", { class: "side", x: left - 5, y: y(one) + 3 }, `${Number((100 * one).toPrecision(1))} %`)));
-    return draw("svg", { viewBox: "0 0 260 136", role: "img", "aria-label": `${body.title}: errors against unknowns` },
-      rows, scale(limits.unknowns, left, wide, bottom, (one) => (one < 1e4 ? words.count(one) : `${one / 1000} k`)), curves);
+    const rows = ticks(...limits.errors).map((one) =>
+      draw(
+        "g",
+        {},
+        draw("line", { class: "grid", x1: left, x2: left + wide, y1: y(one), y2: y(one) }),
+        draw("text", { class: "side", x: left - 5, y: y(one) + 3 }, `${Number((100 * one).toPrecision(1))} %`),
+      ),
+    );
+    return draw(
+      "svg",
+      { viewBox: "0 0 260 136", role: "img", "aria-label": `${body.title}: errors against unknowns` },
+      rows,
+      scale(limits.unknowns, left, wide, bottom, (one) => (one < 1e4 ? words.count(one) : `${one / 1000} k`)),
+      curves,
+    );
   }
 
   return { histogram, ridges, bars, convergence, edges, counted };

@@ -3,11 +3,30 @@
 "use strict";
 
 const words = (() => {
-  const LENGTHS = [[1e-2, 1e-3, "mm"], [1, 1e-2, "cm"], [Infinity, 1, "m"]];
-  const VOLUMES = [[1e-6, 1e-9, "mm³"], [1e-3, 1e-6, "cm³"], [1, 1e-3, "L"], [Infinity, 1, "m³"]];
-  const FREQUENCIES = [[1e4, 1, "Hz"], [Infinity, 1e3, "kHz"]];
-  const TIMES = [[1, 1e-3, "ms"], [Infinity, 1, "s"]];
-  const SIZES = [[1e6, 1e3, "kB"], [1e9, 1e6, "MB"], [Infinity, 1e9, "GB"]];
+  const LENGTHS = [
+    [1e-2, 1e-3, "mm"],
+    [1, 1e-2, "cm"],
+    [Infinity, 1, "m"],
+  ];
+  const VOLUMES = [
+    [1e-6, 1e-9, "mm³"],
+    [1e-3, 1e-6, "cm³"],
+    [1, 1e-3, "L"],
+    [Infinity, 1, "m³"],
+  ];
+  const FREQUENCIES = [
+    [1e4, 1, "Hz"],
+    [Infinity, 1e3, "kHz"],
+  ];
+  const TIMES = [
+    [1, 1e-3, "ms"],
+    [Infinity, 1, "s"],
+  ];
+  const SIZES = [
+    [1e6, 1e3, "kB"],
+    [1e9, 1e6, "MB"],
+    [Infinity, 1e9, "GB"],
+  ];
 
   // A number with this many significant digits, thousands separators and no exponent.
   function number(value, digits = 3) {
@@ -36,7 +55,13 @@ const words = (() => {
   }
 
   return {
-    number, count, plural, percent, capital, effort, between,
+    number,
+    count,
+    plural,
+    percent,
+    capital,
+    effort,
+    between,
     length: scaled(LENGTHS),
     volume: scaled(VOLUMES),
     frequency: scaled(FREQUENCIES),
