@@ -1,6 +1,6 @@
 // What the page has read. Data come as scripts that call vibraverse.index, vibraverse.object and vibraverse.body,
-// because a page that is opened from disk may read no files but scripts. Data of one HTML file are there before they are
-// asked for.
+// because a page that is opened from disk may read no files but scripts. Data of one HTML file are there before they
+// are asked for.
 "use strict";
 
 const vibraverse = (() => {

@@ -346,7 +346,7 @@ const overview = (() => {
               make(
                 "p",
                 { class: "soft" },
-                `${words.plural(counts.sampled_sounds, "sound is", "sounds are")} of sampled materials: not on this page.`,
+                `${words.plural(counts.sampled_sounds, "sound is", "sounds are")} of sampled materials: not shown here.`,
               ),
             publication(shelf),
             kind === "run" ? happened(shelf) : null,

@@ -135,7 +135,7 @@ const run = (() => {
       make(
         "p",
         { class: "soft" },
-        "Bodies whose frequencies are known, by the path of every object: how errors fall with the number of unknowns, ",
+        "Bodies whose frequencies are known, by the path of every object: how errors fall with the unknowns, ",
         "for ",
         make("span", { class: "hollow" }, "linear (P1)"),
         " and ",
