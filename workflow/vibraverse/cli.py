@@ -157,11 +157,11 @@ def _parser(step: Step):
     import argparse
     from pathlib import Path
 
-    from vibraverse.contract.step import BODY, KNOWN_BODY, OBJECT, SHOWN_BODY, option
+    from vibraverse.contract.step import BODY, KNOWN_BODY, OBJECT, SHOWN_BODY, SHOWN_OBJECT, option
     from vibraverse.flow.paths import SOLIDITIES
 
     parser = argparse.ArgumentParser(prog=f"vibraverse {step.name}", description=step.help)
-    if step.per in (OBJECT, BODY, SHOWN_BODY, KNOWN_BODY):
+    if step.per in (OBJECT, BODY, SHOWN_OBJECT, SHOWN_BODY, KNOWN_BODY):
         parser.add_argument("--object", required=True, metavar="ID", help="the object's id")
     if step.per in (BODY, SHOWN_BODY):
         parser.add_argument("--solidity", required=True, choices=SOLIDITIES, help="which body")

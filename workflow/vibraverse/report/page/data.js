@@ -34,7 +34,7 @@ const vibraverse = (() => {
   }
 
   // A file of an object; `version` is the hash of the object's data, so that no browser shows old ones.
-  const file = (stem, version) => `data/${encodeURIComponent(stem)}.js${version ? `?${version}` : ""}`;
+  const file = (stem, version) => `data/objects/${encodeURIComponent(stem)}.js${version ? `?${version}` : ""}`;
 
   return {
     index: (data) => arrived.set("index", data),
@@ -42,6 +42,6 @@ const vibraverse = (() => {
     body: (id, solidity, data) => arrived.set(named("body", id, solidity), data),
     loadIndex: () => load("index", "data/index.js"),
     loadObject: (id, version) => load(named("object", id), file(id, version)),
-    loadBody: (id, solidity, version) => load(named("body", id, solidity), file(`${id}-${solidity}`, version)),
+    loadBody: (id, solidity, version) => load(named("body", id, solidity), file(`${id}.${solidity}`, version)),
   };
 })();
