@@ -67,6 +67,7 @@ def _write_pictures(job: Job) -> int:
 
 def _bodies(job: Job, clean: dict | None) -> dict:
     """Return the part of the script about materials, bodies and refusals."""
+    from vibraverse.config.media import Audio
     from vibraverse.contract import products
     from vibraverse.contract.errors import UsageError
     from vibraverse.geometry.cleaning.cautions import cautions
@@ -98,7 +99,8 @@ def _bodies(job: Job, clean: dict | None) -> dict:
             *({"kind": "many_elements", "text": text} for text in products.read_json(tets)["warnings"]),
         ]
         warnings += body.pop("warnings")
-        found.update(about, audio=audio_data(audio["provenance"]["options"]))
+        options = Audio.model_validate(audio["provenance"]["options"])
+        found.update(about, audio=audio_data(options.model_dump()))
         found["bodies"][solidity] = {
             **body,
             "tetrahedra": products.read_json(tets)["tetrahedra"],
