@@ -11,6 +11,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from vibraverse.media.looks import look_of
+from vibraverse.physics.materials import MATERIALS, PARAMETERS
 
 #: Parameters of a material on the page, and the keys of the configuration that they come from.
 _PARAMETERS = {
@@ -29,18 +30,21 @@ _AUDIO = ("sample_rate_hz", "decay_db", "max_s", "contact_s", "observable")
 
 
 def materials_data(materials: Mapping[str, Mapping]) -> dict:
-    """Return the parameters of named materials, and how they look."""
+    """Return the parameters of named materials, how they look, and whether every command knows them by that name."""
     return {
         name: {
             **{short: float(values[key]) for short, key in _PARAMETERS.items()},
-            "look": {
-                "colour": look_of(name).colour,
-                "metallic": look_of(name).metallic,
-                "roughness": look_of(name).roughness,
-            },
+            "known": all(MATERIALS.get(name, {}).get(key) == values[key] for key in PARAMETERS),
+            "look": _look(name),
         }
         for name, values in materials.items()
     }
+
+
+def _look(name: str) -> dict:
+    look = look_of(name)
+    clear = look.kind == "clear"
+    return {"colour": look.colour, "metallic": look.metallic, "roughness": look.roughness, "clear": clear}
 
 
 def modes_data(frequencies_hz, errors, mass_kg: float) -> dict:
