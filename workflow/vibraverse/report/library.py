@@ -19,8 +19,11 @@ SCRIPTS = (
     "spectrum.js",
     "spectrogram.js",
     "controls.js",
+    "places.js",
+    "still.js",
     "struck.js",
     "share.js",
+    "tools.js",
     "about.js",
     "object.js",
 )

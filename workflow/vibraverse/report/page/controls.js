@@ -39,11 +39,11 @@ const controls = (() => {
       false,
       "How much it bulges when pressed. It moves modes against each other.",
     ],
-    ["alpha", "α", "Damping of slow modes", "1/s", 1, 0.01, 1000, true, "Takes away low frequencies first."],
+    ["alpha", "α", "Slow damping", "1/s", 1, 0.01, 1000, true, "Takes away low frequencies first."],
     [
       "beta",
       "β",
-      "Damping of fast modes",
+      "Fast damping",
       "µs",
       1e-6,
       1e-3,

@@ -5,6 +5,8 @@ const objectView = (() => {
   const { element } = texts;
   const [START_DB, MOST_DB, FAINT_DB] = [-6, -1, -45]; // of full scale: the first strike, any, one that is hard to hear
   const RESTRIKE_MS = 140; // after the last movement of a slider
+  const NO_MODEL =
+    "No model here: this browser has no WebGL, or the page was made without its library. Strike with the buttons.";
   let view = null; // what is shown, and what it is made of
 
   route.add("object", {
@@ -38,7 +40,7 @@ const objectView = (() => {
     const article = element("article", { class: "object" }, about.head(view.id, data));
     view.root.replaceChildren(article);
     if (!Object.keys(data.bodies).length) {
-      article.append(...about.refusals(data), ...(data.turn ? [pictures()] : []));
+      article.append(...about.refusals(data), still.create(data, ""));
       return;
     }
     view.status = element("p", { class: "visually-hidden", role: "status" });
@@ -47,9 +49,10 @@ const objectView = (() => {
     view.compare = element("div", {});
     view.facts = element("div", {});
     view.host = element("div", { class: "stage" }, element("i", { class: "crosshair", "aria-hidden": "true" }));
-    view.places = element("div", { class: "places", role: "toolbar", "aria-label": "Strike at" });
+    view.places = places.create(strike);
+    view.copied = element("div", {});
     view.spectrum = spectrum.create((mode) => update({ mode }));
-    view.spectrogram = spectrogram.create(struck.longest(data));
+    view.spectrogram = spectrogram.create(struck.longest(data), data.audio.max_s);
     view.controls = controls.create((key, value) => {
       if (key === "size" || key === "contact") update({ [key]: value });
       else update({ material: { ...view.choices.material, [key]: value } });
@@ -59,13 +62,25 @@ const objectView = (() => {
       element(
         "div",
         { class: "upper" },
-        element("div", { class: "striking" }, view.host, bodySwitch(data), view.places, view.said),
-        element("div", { class: "panel" }, materialSwitch(data), view.controls.element, observableSwitch(), view.facts),
+        element("div", { class: "striking" }, view.host, bodySwitch(data), view.places.element, view.said),
+        element(
+          "div",
+          { class: "panel" },
+          materialSwitch(data),
+          view.controls.element,
+          observableSwitch(),
+          view.facts,
+          view.compare,
+        ),
       ),
       view.notices,
-      view.compare,
       element("div", { class: "plots" }, view.spectrum.element, view.spectrogram.element),
-      tools(),
+      element(
+        "div",
+        {},
+        tools.create(takeAway, (text) => (view.status.textContent = text), view.copied),
+        view.copied,
+      ),
       element(
         "p",
         { class: "keys" },
@@ -183,6 +198,7 @@ const objectView = (() => {
     const body = loaded(choices.solidity);
     if (!body && !struck.atPreset(data, choices)) choices.material.poisson = data.materials[choices.name].poisson;
     view.found = struck.modes(data, body, choices);
+    view.heard = null;
     view.levels = struck.levels(data, view.found, choices);
     texts.choose(view.bodySwitch, choices.solidity);
     texts.choose(view.materialSwitch, choices.name);
@@ -206,7 +222,7 @@ const objectView = (() => {
     });
     showComparison();
     showModel(body);
-    showPlaces(body);
+    view.places.show(body, data.bodies[choices.solidity].strikes[choices.name], choices);
     showNotices();
     route.settle(share.write(choices, data));
   }
@@ -226,7 +242,7 @@ const objectView = (() => {
   function showModel(body) {
     const { choices, data } = view;
     if (!scene.available()) {
-      if (!view.still) view.host.replaceChildren((view.still = pictures()));
+      if (!view.still) view.host.replaceChildren((view.still = still.create(data, NO_MODEL)));
       return;
     }
     if (!view.model) {
@@ -241,59 +257,6 @@ const objectView = (() => {
     const stored = choices.stored === null ? null : data.bodies[choices.solidity].strikes[choices.name][choices.stored];
     scene.mark(choices.place || stored, colour);
     scene.move(choices.mode === null ? null : struck.shape(body, choices.material.poisson, choices.mode));
-  }
-
-  // Buttons to strike without pointing. One is in the order of the tab key; arrows go to the others.
-  function showPlaces(body) {
-    const { data, choices } = view;
-    const stored = data.bodies[choices.solidity].strikes[choices.name];
-    const options = [
-      { text: "everywhere", key: "everywhere", run: () => strike({ everywhere: true }), on: !choices.at },
-    ];
-    stored.forEach(({ point }, number) => {
-      const run = () => strike({ stored: number });
-      options.push({ text: `point ${point + 1}`, key: `p${point}`, run, on: choices.stored === number });
-    });
-    if (body && !body.named) body.named = points.named(body);
-    for (const { name, ...place } of body ? body.named : []) {
-      const on =
-        Boolean(choices.at) &&
-        choices.stored === null &&
-        place.position.every((one, axis) => Math.abs(one - choices.at[axis]) < 1e-4);
-      options.push({ text: name, key: name, run: () => strike({ place }), on });
-    }
-    const focused = view.places.contains(document.activeElement) ? document.activeElement.dataset.key : null;
-    const current = Math.max(
-      0,
-      options.findIndex(({ key, on }) => (focused ? key === focused : on)),
-    );
-    view.places.replaceChildren(
-      ...options.map(({ text, key, run, on }, number) =>
-        element(
-          "button",
-          {
-            type: "button",
-            "data-key": key,
-            "aria-pressed": String(on),
-            tabindex: number === current ? 0 : -1,
-            click: run,
-            keydown: rove,
-          },
-          text,
-        ),
-      ),
-    );
-    if (focused) view.places.children[current].focus();
-  }
-
-  function rove(event) {
-    const step = { ArrowLeft: -1, ArrowUp: -1, ArrowRight: 1, ArrowDown: 1 }[event.key];
-    if (!step) return;
-    event.preventDefault();
-    const all = [...view.places.children];
-    const next = all[(all.indexOf(event.target) + step + all.length) % all.length];
-    all.forEach((one) => (one.tabIndex = one === next ? 0 : -1));
-    next.focus();
   }
 
   function showNotices() {
@@ -327,9 +290,8 @@ const objectView = (() => {
   // Plays the strike, and says and draws what is heard. One gain serves all strikes, so that they can be compared.
   function sounded() {
     const { data, choices, found } = view;
-    const made = struck.sound(data, found, { ...choices, isolated: choices.mode });
-    const gain = chooseGain(made.peak, choices.mode !== null);
-    view.heard = { made, gain_db: gain };
+    view.heard = rendered();
+    const { made, gain_db: gain } = view.heard;
     sound.hush();
     const voice = sound.play({ samples: made.samples, rate: made.rate, gain_db: gain });
     view.mute = !voice && made.samples.length > 0;
@@ -338,7 +300,7 @@ const objectView = (() => {
       choices.stored !== null
         ? `at point ${choices.stored + 1}`
         : choices.at
-          ? `at ${placeName()}`
+          ? `at ${places.nameOf(loaded(choices.solidity), choices.at)}`
           : "everywhere alike";
     const what =
       choices.mode === null
@@ -362,12 +324,10 @@ const objectView = (() => {
     showNotices();
   }
 
-  function placeName() {
-    const body = loaded(view.choices.solidity);
-    const near = (body && body.named ? body.named : []).find(({ position }) =>
-      position.every((one, axis) => Math.abs(one - view.choices.at[axis]) < 1e-4),
-    );
-    return near ? near.name : view.choices.at.map((one) => texts.number(one, 2)).join(", ");
+  function rendered() {
+    const { data, choices, found } = view;
+    const made = struck.sound(data, found, { ...choices, isolated: choices.mode });
+    return { made, gain_db: chooseGain(made.peak, choices.mode !== null) };
   }
 
   // The gain in decibels: the one of the first strike, lowered for good where a louder one would clip.
@@ -387,53 +347,10 @@ const objectView = (() => {
     return view.gain_db;
   }
 
-  function tools() {
-    const { id } = view;
-    const button = (text, run) => element("button", { type: "button", class: "quiet", click: run }, text);
-    return element(
-      "div",
-      { class: "tools" },
-      button("Save WAV", () =>
-        save(`${id}-${view.choices.solidity}-${view.choices.name}.wav`, "audio/wav", wavBytes()),
-      ),
-      button("Copy link", () => copy(location.href)),
-      button("Copy command", () => copy(share.command(view.choices, view.data, id))),
-      button("Copy Python", () => copy(share.python(view.choices, view.data, view.found))),
-      button("Modes as CSV", () =>
-        save(`${id}-${view.choices.solidity}-${view.choices.name}.csv`, "text/csv", share.csv(view.found, view.levels)),
-      ),
-    );
-  }
-
-  function wavBytes() {
-    const { data, choices } = view;
-    if (!view.heard) sounded();
-    const { made, gain_db } = view.heard;
-    const factor = 10 ** (gain_db / 20);
-    return wav.bytes(
-      made.samples.map((one) => one * factor),
-      made.rate,
-      share.info(choices, data, [`gain ${gain_db.toFixed(2)} dB`]),
-    );
-  }
-
-  function save(name, type, content) {
-    const address = URL.createObjectURL(new Blob([content], { type }));
-    element("a", { href: address, download: name }).click();
-    setTimeout(() => URL.revokeObjectURL(address), 10_000);
-    view.status.textContent = `Saved ${name}.`;
-  }
-
-  async function copy(text) {
-    try {
-      await navigator.clipboard.writeText(text);
-      view.status.textContent = "Copied.";
-    } catch {
-      // Browsers keep the clipboard from some pages: show the text, selected.
-      const field = element("textarea", { class: "copied", rows: 4, readonly: true, "aria-label": "Copy this" }, text);
-      view.notices.replaceChildren(field);
-      field.select();
-    }
+  // What can be taken away; renders the sound if nothing was struck.
+  function takeAway() {
+    if (!view.heard) view.heard = rendered();
+    return view;
   }
 
   function pressed(event) {
@@ -448,34 +365,6 @@ const objectView = (() => {
       update({ solidity: view.choices.solidity === "solid" ? "hollow" : "solid" });
     } else return;
     event.preventDefault();
-  }
-
-  // Views in place of a model, where the browser has no WebGL or the page no library.
-  function pictures() {
-    const { data, id } = view;
-    const why = element(
-      "p",
-      { class: "note" },
-      "No model here: this browser has no WebGL, or the page was made without its library. Strike with the buttons.",
-    );
-    if (!data.turn) return element("div", { class: "still" }, why);
-    const frame = element("div", { class: "frame", role: "img", "aria-label": `Views of ${data.facts.title}` });
-    frame.style.backgroundImage = `url("${data.turn.startsWith("data:") ? data.turn : `data/objects/${encodeURIComponent(data.turn)}`}")`;
-    const rows = Math.ceil(data.turn_frames / 3);
-    frame.style.backgroundSize = `${3 * 100}% ${rows * 100}%`;
-    const turnTo = (number) => {
-      frame.style.backgroundPosition = `${50 * (number % 3)}% ${rows > 1 ? (100 * Math.floor(number / 3)) / (rows - 1) : 0}%`;
-    };
-    turnTo(0);
-    const slider = element("input", {
-      type: "range",
-      min: 0,
-      max: data.turn_frames - 1,
-      value: 0,
-      "aria-label": `Turn ${data.facts.title || id}`,
-      input: (event) => turnTo(Number(event.target.value)),
-    });
-    return element("div", { class: "still" }, frame, slider, Object.keys(data.bodies).length ? why : null);
   }
 
   return {

@@ -76,8 +76,8 @@ const spectrogram = (() => {
     return from.map((one, channel) => one + (at % 1) * (to[channel] - one));
   }
 
-  // Returns {element, show(samples, rate), follow(voice)}; `seconds` is the length of the axis.
-  function create(seconds) {
+  // Returns {element, show(samples, rate), follow(voice)}; `seconds` is the length of the axis, `mostS` of any sound.
+  function create(seconds, mostS) {
     const canvas = element("canvas", {
       width: COLUMNS,
       height: ROWS,
@@ -86,7 +86,7 @@ const spectrogram = (() => {
     });
     const cursor = element("i", { class: "cursor", hidden: true });
     const marks = [0.25, 0.5, 0.75, 1].map((share) =>
-      element("span", { style: `left:${100 * share}%` }, texts.seconds(share * seconds, 2)),
+      element("span", { style: `left:${100 * share}%` }, texts.seconds(share * seconds)),
     );
     const heights = element("div", { class: "heights", "aria-hidden": "true" });
     const note = element("p", { class: "note" });
@@ -125,7 +125,10 @@ const spectrogram = (() => {
         }),
       );
       const length = samples.length / rate;
-      note.textContent = length > 1.001 * seconds ? `It lasts ${texts.seconds(length)}; the rest is cut off.` : "";
+      const said = [];
+      if (length > 1.001 * seconds) said.push(`It lasts ${texts.seconds(length)}; the rest is not shown.`);
+      if (length >= mostS) said.push(`Sounds end after ${texts.seconds(mostS)}; this one rings on.`);
+      note.textContent = said.join(" ");
     }
 
     // Moves the cursor with a voice of sound.js.

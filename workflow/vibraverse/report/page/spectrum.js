@@ -3,7 +3,7 @@
 
 const spectrum = (() => {
   const [LOW_HZ, FLOOR_DB] = [20, 60];
-  const TICKS = [20, 50, 100, 200, 500, 1000, 2000, 5000, 10000, 20000];
+  const TICKS = [20, 50, 100, 200, 500, 1000, 2000, 5000, 10000];
   const { element } = texts;
 
   // Returns {element, show(…)}. `onmode` gets the mode that is chosen, or null for none.
