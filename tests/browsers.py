@@ -24,9 +24,13 @@ FLAGS = (
 )
 
 
+#: Lets Chromium draw models without a graphics card.
+DRAWS = "--enable-unsafe-swiftshader"
+
+
 @contextmanager
-def opened(page: Path, profile: Path) -> Iterator:
-    """Open a page; yield the driver. The test is skipped where there is no browser."""
+def opened(page: Path, profile: Path, *more: str) -> Iterator:
+    """Open a page; yield the driver. The test is skipped where there is no browser. ``more`` are flags."""
     if not (CHROMIUM and DRIVER):
         pytest.skip("Chromium and its driver are not installed (apt-get install chromium chromium-driver)")
     from selenium import webdriver
@@ -34,7 +38,7 @@ def opened(page: Path, profile: Path) -> Iterator:
 
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for flag in (*FLAGS, f"--user-data-dir={profile}", "--window-size=1280,900"):
+    for flag in (*FLAGS, *more, f"--user-data-dir={profile}", "--window-size=1280,900"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options, Service(DRIVER))

@@ -27,7 +27,7 @@ def run(job: Job) -> None:
         "facts": facts(source),
         "turn": f"{job.object}.webp" if frames else None,
         "turn_frames": frames,
-        "mesh": {"file": f"objects/{job.object}/surface.ply", "centre": [0.0, 0.0, 0.0], "scale": 1.0},
+        "mesh": _mesh(job.object, source, clean),
         **_bodies(job, clean),
     }
     script = call("vibraverse.object", job.object, data)
@@ -45,6 +45,13 @@ def _record(path: Path) -> dict | None:
     from vibraverse.contract.products import read_json
 
     return None if read_refusal(path) else read_json(path)
+
+
+def _mesh(object_id: str, source: dict, clean: dict | None) -> dict:
+    """Return the file that ``vibraverse strike`` reads: the user's own, else the cleaned surface; and where it lies."""
+    if source["origin"] == "files" and clean:
+        return {"file": source["file"], "centre": clean["centre"], "scale": clean["scale"]}
+    return {"file": f"objects/{object_id}/surface.ply", "centre": [0.0, 0.0, 0.0], "scale": 1.0}
 
 
 def _write_pictures(job: Job) -> int:
