@@ -69,7 +69,7 @@ def sounds(check: Check, path: Path) -> None:
 
 def page_body_record(check: Check, path: Path) -> None:
     """Write the record of a body on the page."""
-    record = {"measured": {}, "provenance": {"output_sha256": {"script": "0" * 64}}}
+    record = {"order": 2, "measured": {}, "provenance": {"output_sha256": {"script": "0" * 64}}}
     path.write_text(json.dumps(record))
 
 

@@ -24,6 +24,8 @@ FLAGS = (
 )
 
 
+#: How long a busy machine may take for one step.
+PATIENCE_S = 300
 #: Lets Chromium draw models without a graphics card.
 DRAWS = "--enable-unsafe-swiftshader"
 
@@ -43,7 +45,8 @@ def opened(page: Path, profile: Path, *more: str) -> Iterator:
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options, Service(DRIVER))
     try:
-        driver.set_script_timeout(20)
+        driver.command_executor.client_config.timeout = PATIENCE_S
+        driver.set_script_timeout(PATIENCE_S)
         driver.get("about:blank")
         driver.get_log("performance")  # what the browser's own start page asked for
         driver.get(page.as_uri())

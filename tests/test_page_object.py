@@ -38,7 +38,7 @@ def results(tmp_path, monkeypatch) -> Paths:
                 record.write_bytes(modes.read_bytes())
                 continue
             provenance = {"output_sha256": {"script": solidity.encode().hex().ljust(64, "0")}}
-            write_json(record, {"measured": {"rms_db": 0.05}, "provenance": provenance})
+            write_json(record, {"order": 2, "measured": {"rms_db": 0.05}, "provenance": provenance})
     return paths
 
 

@@ -17,7 +17,8 @@ from test_front import made as bundled
 from vibraverse.report import library, shell
 
 _SHELL = """<!doctype html><html lang="en" data-theme="light"><meta charset="utf-8"><title>x</title>
-<link rel="icon" href="data:,"><link rel="stylesheet" href="page/style.css"><link rel="stylesheet" href="page/object.css">
+<link rel="icon" href="data:,"><link rel="stylesheet" href="page/style.css">
+<link rel="stylesheet" href="page/object.css">
 <main id="view"></main>{scripts}<script>route.start();</script></html>"""
 REFUSED = {
     "stage": "clean",
@@ -69,7 +70,7 @@ def driver(index, tmp_path_factory):
         yield opened
 
 
-def wait(driver, condition: str, seconds: float = 20.0):
+def wait(driver, condition: str, seconds: float = browsers.PATIENCE_S):
     """Return the value of a JavaScript expression as soon as it is true."""
     end = time.monotonic() + seconds
     while not (found := driver.execute_script(f"return {condition};")):
@@ -232,7 +233,8 @@ def test_a_mode_is_read_heard_alone_and_seen(driver, index):
 
 
 def test_a_link_opens_in_the_same_state(driver, index):
-    settings = "body=hollow&material=wood&E=2e10&nu=0.3&size=0.1&contact=0.001&observable=velocity&at=0.9,0.2,0.1&mode=2"
+    settings = "body=hollow&material=wood&E=2e10&nu=0.3&size=0.1&contact=0.001&observable=velocity"
+    settings += "&at=0.9,0.2,0.1&mode=2"
     ready(driver, index, settings)
     state = "const {place, ...rest} = objectView.state.choices; return [rest, place.position, location.hash];"
     first = driver.execute_script(state)
@@ -330,14 +332,12 @@ def test_without_webgl_there_are_pictures_and_buttons(index, tmp_path):
     with browsers.opened(index, tmp_path, "--disable-3d-apis") as driver:
         go(driver, index, f"{OBJECT}?material=steel")
         wait(driver, "document.querySelector('.places').children.length > 10")
-        assert "Strike with the buttons" in driver.execute_script(
-            "return document.querySelector('.still').textContent;"
-        )
-        driver.execute_script(
-            "[...document.querySelectorAll('.places button')].find((one) => one.textContent === 'top').click();"
-        )
+        said = driver.execute_script("return document.querySelector('.still').textContent;")
+        assert "Strike with the buttons" in said
+        top = "[...document.querySelectorAll('.places button')].find((one) => one.textContent === 'top')"
+        driver.execute_script(f"{top}.click();")
         assert "Struck at top" in driver.execute_script("return document.querySelector('.said').textContent;")
-        turned = "const one = document.querySelector('.still input'); one.value = 4; one.dispatchEvent(new Event('input'));"
-        driver.execute_script(turned)
+        turn = "one.value = 4; one.dispatchEvent(new Event('input'));"
+        driver.execute_script(f"const one = document.querySelector('.still input'); {turn}")
         found = driver.execute_script("return document.querySelector('.frame').style.backgroundPosition;")
         assert found == "50% 100%"

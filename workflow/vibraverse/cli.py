@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 #: Subcommands for people: name -> one line of help. The module is ``vibraverse.commands.<name>``.
 COMMANDS = {
     "strike": "hear a mesh: from a file to its impact sound in one go",
+    "animate": "draw a mode of a body as a moving picture",
     "predict": "ask a trained model for the frequencies of a mesh, with error bars",
     "listen": "find the material of a body from its impact sound, or its size, or its wall",
     "objects": "list the objects a configuration names",

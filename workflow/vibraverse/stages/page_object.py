@@ -112,6 +112,7 @@ def _bodies(job: Job, clean: dict | None) -> dict:
             **body,
             "tetrahedra": products.read_json(tets)["tetrahedra"],
             "elements": products.read_json(tets)["quality"]["wanted"],
+            "order": record["order"],
             "measured": record["measured"],
             "version": record["provenance"]["output_sha256"]["script"][:8],
             **({"warnings": warnings} if warnings else {}),
