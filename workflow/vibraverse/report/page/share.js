@@ -71,11 +71,9 @@ const share = (() => {
     for (const [key, flag] of Object.entries(FLAGS)) {
       if (!preset.known || material[key] !== preset[key]) words.push(`--${flag} ${digits(material[key])}`);
     }
-    words.push(
-      `--size ${digits(choices.size)}`,
-      `--modes ${body.modes[name].hz.length}`,
-      `--elements ${body.elements}`,
-    );
+    words.push(`--size ${digits(choices.size)}`, `--modes ${body.modes[name].hz.length}`);
+    if (body.order !== 2) words.push(`--order ${body.order}`);
+    words.push(`--elements ${body.elements}`);
     if (solidity === "hollow") words.push(`--hollow ${digits(body.wall)}`);
     const at = choices.stored === null ? choices.at : body.strikes[name][choices.stored].position;
     if (at) words.push(`--at=${at.map((one, axis) => digits(one / mesh.scale + mesh.centre[axis], 6)).join(",")}`);
