@@ -100,7 +100,7 @@ def test_a_page_of_one_file_opens_as_the_command_asked(cube, tmp_path, vibravers
     monkeypatch.chdir(tmp_path)
     status, out, err = vibraverse(
         "strike", cube, "--size", 0.3, "--material", "wood", "--elements", 300, "--order", 1, "--modes", 12,
-        "--at", "10,1,2", "-o", "cube.wav", "--open", "--json", "cube.json",
+        "--at", "5,1,2", "-o", "cube.wav", "--open", "--json", "cube.json",
     )  # fmt: skip
     assert status == 0, err
     page = tmp_path / "my cube-wood.html"

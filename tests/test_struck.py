@@ -282,3 +282,19 @@ def test_modes_are_a_table(made):
     assert float(rows[1].split(",")[1]) == pytest.approx(
         made[1]["bodies"]["solid"]["modes"]["glass"]["hz"][0], rel=1e-8
     )
+
+
+def test_a_stored_point_is_struck_with_the_shapes_of_another_ratio(made):
+    """Its stored weights hold for the material's own ν alone."""
+    body = """
+      const {position} = data.bodies.solid.strikes.steel[1];
+      const place = points.nearest(body, position);
+      return ['0.29', '0.35'].map((nu) => {
+        const one = {...choices(`material=steel&nu=${nu}&point=1`), place};
+        return [one, {...one, stored: null}].map((each) => [...struck.modes(data, body, each).weights]);
+      });
+    """
+    (own, free), (other, moved) = run(body, made)
+    np.testing.assert_allclose(own, free, atol=3e-3 * np.abs(own).max())
+    assert own != free
+    assert other == moved

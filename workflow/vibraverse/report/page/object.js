@@ -13,6 +13,10 @@ const objectView = (() => {
     show(root, asked) {
       const id = asked.subject || document.documentElement.dataset.object || "";
       const own = (view = { id, root, ended: new AbortController(), bodies: {} });
+      if (!id) {
+        root.replaceChildren(about.notice("No object is named.", "The address of one is #/object/ and its id."));
+        return;
+      }
       root.replaceChildren(element("p", { class: "loading" }, "Loading …"));
       vibraverse.loadObject(id).then(
         (data) => view === own && build(data, asked.settings),
@@ -133,8 +137,8 @@ const objectView = (() => {
     refresh();
     const body = await ensure(choices.solidity);
     if (view !== own || view.choices.solidity !== choices.solidity) return;
-    if (body && view.choices.at && view.choices.stored === null)
-      view.choices.place = points.nearest(body, view.choices.at);
+    if (!body) choices.material.poisson = view.data.materials[choices.name].poisson;
+    if (body && view.choices.at) view.choices.place = points.nearest(body, view.choices.at);
     refresh();
   }
 
@@ -143,12 +147,12 @@ const objectView = (() => {
     const own = view;
     Object.assign(view.choices, change);
     const { choices } = view;
-    if (change.name || change.solidity) choices.stored = null;
     if (change.solidity) choices.place = null;
+    if (choices.stored !== null && (change.name || change.solidity)) choose(choices.stored);
     const body = await ensure(choices.solidity);
     if (view !== own || view.choices !== choices) return;
-    if (body && choices.at && !choices.place && choices.stored === null)
-      choices.place = points.nearest(body, choices.at);
+    if (!body) choices.material.poisson = view.data.materials[choices.name].poisson;
+    if (body && choices.at && !choices.place) choices.place = points.nearest(body, choices.at);
     refresh();
     clearTimeout(view.later);
     view.later = setTimeout(() => sounded(), RESTRIKE_MS);
@@ -166,7 +170,8 @@ const objectView = (() => {
 
   function choose(stored) {
     const { position } = view.data.bodies[view.choices.solidity].strikes[view.choices.name][stored];
-    Object.assign(view.choices, { stored, at: position, place: null });
+    const body = loaded(view.choices.solidity);
+    Object.assign(view.choices, { stored, at: position, place: body && points.nearest(body, position) });
   }
 
   // The unpacked data of a body; null if they cannot be had, which is then said.
@@ -196,8 +201,9 @@ const objectView = (() => {
   function refresh() {
     const { data, choices } = view;
     const body = loaded(choices.solidity);
-    if (!body && !struck.atPreset(data, choices)) choices.material.poisson = data.materials[choices.name].poisson;
-    view.found = struck.modes(data, body, choices);
+    // Before the body is loaded, and where it cannot be, ν is the material's own.
+    const own = { ...choices.material, poisson: data.materials[choices.name].poisson };
+    view.found = struck.modes(data, body, body ? choices : { ...choices, material: own, place: null });
     view.heard = null;
     view.levels = struck.levels(data, view.found, choices);
     texts.choose(view.bodySwitch, choices.solidity);

@@ -50,7 +50,7 @@ const struck = (() => {
 
   function weights(data, body, choices, scale) {
     const { material, name, solidity, stored, place } = choices;
-    if (stored !== null) {
+    if (stored !== null && (atPreset(data, choices) || !place)) {
       const preset = data.materials[name];
       const lighter = Math.sqrt(preset.density / material.density) * (data.scale_m / scale) ** 1.5;
       return data.bodies[solidity].strikes[name][stored].gains.map((one) => one * lighter);
