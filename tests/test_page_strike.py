@@ -17,6 +17,7 @@ from test_front import made as bundled
 from vibraverse.report import library, shell
 
 _SHELL = """<!doctype html><html lang="en" data-theme="light"><meta charset="utf-8"><title>x</title>
+<meta name="viewport" content="width=device-width, initial-scale=1">
 <link rel="icon" href="data:,"><link rel="stylesheet" href="page/style.css">
 <link rel="stylesheet" href="page/object.css">
 <main id="view"></main>{scripts}<script>route.start();</script></html>"""
