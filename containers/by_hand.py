@@ -41,6 +41,38 @@ def clean_record(check: Check, path: Path) -> None:
     path.write_text(json.dumps({"size_m": 0.2, "size_origin": "generated"}))
 
 
+def source_record(check: Check, path: Path) -> None:
+    """Write where an object came from."""
+    path.write_text(json.dumps({"object": OBJECT, "origin": "generated", "licence": "CC0-1.0"}))
+
+
+def views(check: Check, path: Path) -> None:
+    """Write one picture and its record."""
+    from PIL import Image
+
+    path.mkdir()
+    Image.new("RGB", (64, 64), "teal").save(path / "clay-00.png")
+    (path / "images.json").write_text(json.dumps({"views": [{}], "looks": ["clay"]}))
+
+
+def tets_record(check: Check, path: Path) -> None:
+    """Write the counts of a mesh."""
+    path.write_text(json.dumps({"tetrahedra": 6, "quality": {"wanted": 6}, "warnings": []}))
+
+
+def sounds(check: Check, path: Path) -> None:
+    """Write the record of sounds without the sounds."""
+    options = check.plan.config.audio.model_dump(mode="json")
+    path.mkdir()
+    (path / "audio.json").write_text(json.dumps({"provenance": {"options": options}}))
+
+
+def page_body_record(check: Check, path: Path) -> None:
+    """Write the record of a body on the page."""
+    record = {"order": 2, "measured": {}, "provenance": {"output_sha256": {"script": "0" * 64}}}
+    path.write_text(json.dumps(record))
+
+
 def boundary(cells: list) -> list[tuple]:
     """Return the triangles of tetrahedra that bound one of them alone, outwards."""
     seen: dict[frozenset, tuple] = {}
@@ -107,11 +139,12 @@ def modes(check: Check, path: Path) -> None:
 
     with hdf5(path) as h5:
         write_provenance(h5, {"stage": "modes", "options": {"corrected": True}})
-        h5.attrs.update({"size_m": 0.2, "scale_m": 0.2 / 1.8})
+        h5.attrs.update({"size_m": 0.2, "scale_m": 0.2 / 1.8, "volume_m3": 1e-3})
         for name, material in check.plan.config.materials.items():
             group = h5.create_group(f"materials/{name}")
             group["frequencies_hz"] = np.arange(1.0, 9.0) * 1000
-            group.attrs.update({**material.model_dump(), "solved_directly": False})
+            group["discretisation_error"] = np.full(8, 1e-3)
+            group.attrs.update({**material.model_dump(), "solved_directly": False, "mass_kg": 1.0})
 
 
 def known_meshes(check: Check, path: Path) -> None:
@@ -278,6 +311,11 @@ BY_HAND = {
     "tets": tets,
     "clean_record": clean_record,
     "surface": surface,
+    "source_record": source_record,
+    "views": views,
+    "tets_record": tets_record,
+    "sounds": sounds,
+    "page_body_record": page_body_record,
     "basis": basis,
     "modes": modes,
     "validation_meshes": known_meshes,

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING
 import by_hand
 
 if TYPE_CHECKING:
-    from vibraverse.contract.step import Step
+    from vibraverse.contract.step import Input, Step
 
 HOME = Path("/opt/vibraverse")
 #: The family that includes all others, and the one with PyTorch.
@@ -112,6 +112,7 @@ class Check:
         return {
             per.OBJECT: objects,
             per.BODY: bodies,
+            per.SHOWN_OBJECT: objects,
             per.SHOWN_BODY: bodies,
             per.SHARD: [{"shard": shard} for shard in self.plan.shards],
             per.KNOWN_BODY: [{"body": by_hand.KNOWN}],
@@ -141,7 +142,7 @@ class Check:
                 continue
             if input_.optional and input_.pattern not in by_hand.BY_HAND:
                 continue
-            paths = self.all_of(input_.pattern) if input_.many else [self.at(input_.pattern, **wildcards)]
+            paths = self.read(step, input_, wildcards)
             for path in paths:
                 if not path.exists():
                     by_hand.BY_HAND[input_.pattern](self, path)
@@ -155,6 +156,17 @@ class Check:
                 assert path.stat().st_size, f"{step.name}: {path} is empty"
                 assert not step.passes_refusals or read_refusal(path) is None, path.read_text()
         self.ran.append(step.name)
+
+    def read(self, step: Step, input_: Input, wildcards: dict[str, str]) -> list[Path]:
+        """Return the paths of an input of a job."""
+        from vibraverse.contract.step import SHOWN_OBJECT
+
+        if not input_.many:
+            return [self.at(input_.pattern, **wildcards)]
+        if step.per != SHOWN_OBJECT:
+            return self.all_of(input_.pattern)
+        bodies = self.plan.config.solidities
+        return [self.at(input_.pattern, **wildcards, solidity=solidity) for solidity in bodies]
 
     def options(self, step: Step, wildcards: dict[str, str]) -> str:
         """Return the options of a job as the rules give them."""

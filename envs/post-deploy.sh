@@ -14,3 +14,5 @@ until grep -qs '^name = "vibraverse"' "$project/pyproject.toml"; do
     project=$(dirname "$project")
 done
 python -m pip install --quiet --no-deps --no-build-isolation --editable "$project"
+# The environment that writes pages gets their library.
+if python -c 'import jinja2' 2>/dev/null; then python "$project/envs/front.py"; fi

@@ -24,9 +24,15 @@ FLAGS = (
 )
 
 
+#: How long a busy machine may take for one step.
+PATIENCE_S = 300
+#: Lets Chromium draw models without a graphics card.
+DRAWS = "--enable-unsafe-swiftshader"
+
+
 @contextmanager
-def opened(page: Path, profile: Path) -> Iterator:
-    """Open a page; yield the driver. The test is skipped where there is no browser."""
+def opened(page: Path, profile: Path, *more: str) -> Iterator:
+    """Open a page; yield the driver. The test is skipped where there is no browser. ``more`` are flags."""
     if not (CHROMIUM and DRIVER):
         pytest.skip("Chromium and its driver are not installed (apt-get install chromium chromium-driver)")
     from selenium import webdriver
@@ -34,12 +40,13 @@ def opened(page: Path, profile: Path) -> Iterator:
 
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for flag in (*FLAGS, f"--user-data-dir={profile}", "--window-size=1280,900"):
+    for flag in (*FLAGS, *more, f"--user-data-dir={profile}", "--window-size=1280,900"):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options, Service(DRIVER))
     try:
-        driver.set_script_timeout(20)
+        driver.command_executor.client_config.timeout = PATIENCE_S
+        driver.set_script_timeout(PATIENCE_S)
         driver.get("about:blank")
         driver.get_log("performance")  # what the browser's own start page asked for
         driver.get(page.as_uri())

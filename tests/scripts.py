@@ -27,7 +27,9 @@ def node() -> str:
 
 def run_script(body: str, given, *scripts: str):
     """Return what an asynchronous function body returns for ``given``, with scripts of the page by their names."""
-    named = "".join(f"const {Path(name).stem} = require({json.dumps(str(PAGE / name))});" for name in scripts)
+    named = "".join(
+        f"globalThis.{Path(name).stem} = require({json.dumps(str(PAGE / name))});" for name in scripts
+    )
     program = (
         f"{named} const given = JSON.parse(require('fs').readFileSync(0, 'utf8'));"
         "const plain = (key, value) => (ArrayBuffer.isView(value) ? Array.from(value) : value);"

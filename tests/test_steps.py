@@ -31,7 +31,13 @@ _LEARNING = dict.fromkeys(
     ("features", "train", "evaluate", "diffsound", "baselines", "results", "learn_page"), "learn"
 )
 #: Stages that share a page in ``docs/``, and stages that share a test file, each with its name.
-SHARED_PAGES = {"index": "dataset", "page_body": "report", **_VALIDATION, **_LEARNING}
+SHARED_PAGES = {
+    "index": "dataset",
+    "page_body": "report",
+    "page_object": "report",
+    **_VALIDATION,
+    **_LEARNING,
+}
 SHARED_TESTS = {**_VALIDATION, "evaluate": "tasks", "baselines": "tasks", "results": "tasks"}
 #: Stages of other runs than the one that ``docs/architecture.md`` draws.
 NOT_DRAWN = {*_VALIDATION}
@@ -163,7 +169,17 @@ def test_products_have_one_name_and_one_place():
             assert all(f"{{{wildcard}}}" in output.path for wildcard in step.wildcards)
         assert step.record in step.outputs or step.name in ("report", "learn_page")
         assert step.passes_refusals == (
-            step.per not in ("shard", "dataset", "validation", "training", "comparison", "part", "learning")
+            step.per
+            not in (
+                "shard",
+                "shown object",
+                "dataset",
+                "validation",
+                "training",
+                "comparison",
+                "part",
+                "learning",
+            )
         )
 
 

@@ -11,6 +11,7 @@ import soundfile
 import trimesh
 
 from mesh_bytes import gltf
+from scripts import run_script
 from vibraverse.physics.materials import MATERIALS
 
 #: ω L / c_s of the free cube for ν = 0.3.
@@ -89,6 +90,66 @@ def test_a_soft_contact_sounds_duller(cube, tmp_path, vibraverse):
         shares.append(power[high].sum() / power.sum())
     assert shares[1] < 0.9 * shares[0]
     assert shares[2] < 0.9 * shares[1]
+
+
+def test_a_page_of_one_file_opens_as_the_command_asked(cube, tmp_path, vibraverse, monkeypatch):
+    """It holds the body in every material; its struck sound is the WAV file's, within 1e-3 of the peak."""
+    shown = []
+    monkeypatch.setenv("BROWSER", "anything")
+    monkeypatch.setattr("webbrowser.open", lambda address: shown.append(address) or True)
+    monkeypatch.chdir(tmp_path)
+    status, out, err = vibraverse(
+        "strike", cube, "--size", 0.3, "--material", "wood", "--elements", 300, "--order", 1, "--modes", 12,
+        "--at", "5,1,2", "-o", "cube.wav", "--open", "--json", "cube.json",
+    )  # fmt: skip
+    assert status == 0, err
+    page = tmp_path / "my cube-wood.html"
+    assert shown == [page.as_uri()]
+    assert f"wrote {page.name}\n" in out
+    facts = json.loads((tmp_path / "cube.json").read_text())
+    lines = re.findall(r"^mode +(\d+): +([\d.]+) Hz ± ([\d.e-]+) %$", out, re.MULTILINE)
+    assert [int(mode) for mode, _, _ in lines] == list(range(1, 11))
+    for (_, hz, error), true, wrong in zip(
+        lines, facts["frequencies_hz"], facts["discretisation_error"], strict=False
+    ):
+        assert float(hz) == pytest.approx(true, abs=0.06)
+        assert float(error) == pytest.approx(100 * wrong, rel=0.06)
+    text = page.read_text(encoding="utf-8")
+    assert '"#/object?material=wood\\u0026point=0"' in text or '"#/object?material=wood&point=0"' in text
+    assert not re.search(r"""(src|href)=["']?(https?:|//)""", text)
+    data = json.loads(
+        re.search(r'^<script>vibraverse\.object\("my-cube", (\{.*\})\);$', text, re.MULTILINE)[1]
+    )
+    assert set(data["materials"]) == set(MATERIALS)
+    assert data["mesh"]["file"] == "my cube.stl"
+    given = {"data": data, "address": "material=wood&point=0"}
+    body = """
+      const choices = {place: null, ...share.read(new URLSearchParams(given.address), given.data)};
+      const command = share.command(choices, given.data, "cube");
+      return [struck.sound(given.data, struck.modes(given.data, null, choices), choices).samples, command];
+    """
+    samples, command = run_script(body, given, "synth.js", "struck.js", "share.js")
+    stored, _ = soundfile.read(tmp_path / "cube.wav")
+    samples = np.array(samples) * np.abs(stored).max() / np.abs(samples).max()
+    assert np.abs(samples - stored).max() < 1e-3 * np.abs(stored).max()
+    assert command.startswith(
+        "vibraverse strike 'my cube.stl' --material wood --size 0.3 --modes 12 --order 1"
+    )
+    at = [float(one) for one in re.search(r"--at=(\S+)", command)[1].split(",")]
+    assert at == pytest.approx(facts["struck_at"], abs=1e-4)
+
+
+def test_without_a_screen_the_page_is_named(cube, tmp_path, vibraverse, monkeypatch):
+    for variable in ("BROWSER", "DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(variable, raising=False)
+    monkeypatch.setattr("webbrowser.open", lambda _: pytest.fail("opened"))
+    sizes = ("--elements", 300, "--order", 1, "--modes", 8, "-o", tmp_path / "x.wav")
+    status, out, err = vibraverse(
+        "strike", cube, *sizes, "--hollow", 0.5, "--page", tmp_path / "x.html", "--open"
+    )
+    assert status == 0, err
+    assert f"wrote {tmp_path / 'x.html'}: open it in a browser" in out
+    assert '"hollow":{"volume_m3"' in (tmp_path / "x.html").read_text(encoding="utf-8")
 
 
 def test_json_to_the_terminal_and_default_name(cube, tmp_path, vibraverse, monkeypatch):

@@ -1,4 +1,4 @@
-# The data with which bodies are struck on the page: the target `page_data`. Not part of `all`.
+# The data with which a body is struck on the page.
 
 
 rule page_body:
@@ -30,8 +30,3 @@ rule page_body:
         "--script {output.script:q} "
         "--record {output.record:q} "
         "--threads {threads} > {log:q} 2>&1"
-
-
-rule page_data:
-    input:
-        targets.page_bodies(plan),

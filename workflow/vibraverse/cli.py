@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 #: Subcommands for people: name -> one line of help. The module is ``vibraverse.commands.<name>``.
 COMMANDS = {
     "strike": "hear a mesh: from a file to its impact sound in one go",
+    "animate": "draw a mode of a body as a moving picture",
     "predict": "ask a trained model for the frequencies of a mesh, with error bars",
     "listen": "find the material of a body from its impact sound, or its size, or its wall",
     "objects": "list the objects a configuration names",
@@ -157,11 +158,11 @@ def _parser(step: Step):
     import argparse
     from pathlib import Path
 
-    from vibraverse.contract.step import BODY, KNOWN_BODY, OBJECT, SHOWN_BODY, option
+    from vibraverse.contract.step import BODY, KNOWN_BODY, OBJECT, SHOWN_BODY, SHOWN_OBJECT, option
     from vibraverse.flow.paths import SOLIDITIES
 
     parser = argparse.ArgumentParser(prog=f"vibraverse {step.name}", description=step.help)
-    if step.per in (OBJECT, BODY, SHOWN_BODY, KNOWN_BODY):
+    if step.per in (OBJECT, BODY, SHOWN_OBJECT, SHOWN_BODY, KNOWN_BODY):
         parser.add_argument("--object", required=True, metavar="ID", help="the object's id")
     if step.per in (BODY, SHOWN_BODY):
         parser.add_argument("--solidity", required=True, choices=SOLIDITIES, help="which body")

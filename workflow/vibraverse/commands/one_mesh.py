@@ -79,10 +79,16 @@ class OneMesh:
     """The mesh of a command and the options of its stages.
 
     Raises :class:`UsageError` before anything is computed. ``materials`` and ``modes`` are those of a simulation;
-    without materials it serves any.
+    without materials, or with ``any_poisson``, it serves any.
     """
 
-    def __init__(self, arguments: argparse.Namespace, materials: Mapping[str, Material], modes: int):
+    def __init__(
+        self,
+        arguments: argparse.Namespace,
+        materials: Mapping[str, Material],
+        modes: int,
+        any_poisson: bool = False,
+    ):
         self.path: Path = arguments.mesh
         if wrong := unreadable(self.path, missing="name an existing file"):
             raise UsageError(f"the mesh file {self.path} {wrong}")
@@ -100,7 +106,7 @@ class OneMesh:
         thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
         basis = {"order": arguments.order, "modes": modes}
         if (
-            materials
+            materials and not any_poisson
         ):  # no others will be asked for, and a basis for one Poisson's ratio takes a fraction of the time
             ratios = [one.poisson for one in materials.values()]
             basis["poisson_range"] = [min(ratios), max(ratios)]
@@ -146,12 +152,18 @@ class OneMesh:
         final = {name: made.place(name) for name in step.outputs}
         job = Job(step, self.object, made.solidity, inputs, final, options, self.threads)
         work = importlib.import_module(f"vibraverse.stages.{step.name}").run
-        said = io.StringIO()
-        with progress(step.name), contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-            run(job, work, ["vibraverse", step.name])
+        with progress(step.name):
+            run_quietly(run, job, work, ["vibraverse", step.name])
         refusal = read_refusal(made.record)
         if refusal is not None:
             raise Refused(refusal.reason, refusal.message, refusal.advice)
+
+
+def run_quietly(function, *arguments) -> None:
+    """Call a function without showing what it prints."""
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        function(*arguments)
 
 
 def check_installed(command: str, stages: Iterable[str]) -> None:

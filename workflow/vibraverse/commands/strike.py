@@ -24,6 +24,7 @@ from vibraverse.commands.one_mesh import (
     work_folder,
     write_facts,
 )
+from vibraverse.commands.opened import page, show
 from vibraverse.config import ConfigError, validate
 from vibraverse.config.media import Audio, Observable
 from vibraverse.config.physics import Material
@@ -42,6 +43,8 @@ _OVERRIDES = {
     "alpha_per_s": "alpha",
     "beta_s": "beta",
 }
+#: Modes that are printed with a page.
+_SHOWN_MODES = 10
 #: Configuration keys and the options that set them.
 _FLAGS = FLAGS | {
     "contact_s": "--contact-s",
@@ -92,6 +95,17 @@ def parser() -> argparse.ArgumentParser:
         "-o", "--output", type=Path, metavar="WAV", help="the sound (default: MESH-MATERIAL.wav here)"
     )
     p.add_argument("--json", metavar="FILE", help="write frequencies and facts as JSON; - prints them")
+    p.add_argument(
+        "--open",
+        action="store_true",
+        help="also write a page on which the body is struck anywhere, in any material, and open it in a browser",
+    )
+    p.add_argument(
+        "--page",
+        type=Path,
+        metavar="HTML",
+        help="write that page, to this file (default with --open: MESH-MATERIAL.html here)",
+    )
     return p
 
 
@@ -102,9 +116,16 @@ def main(argv: list[str]) -> int:
     set_threads(arguments.threads)
     with work_folder("strike", arguments.mesh) as folder:
         facts, sound = plan.run(folder)
+        page = plan.opened(folder) if plan.page else ""
     with products.whole(plan.output) as partial:
         partial.write_bytes(sound)
-    _print_facts(facts, plan.output, write_facts(facts, arguments.json))
+    stream = write_facts(facts, arguments.json)
+    _print_facts(facts, plan.output, stream)
+    if plan.page:
+        products.write_text(plan.page, page)
+        _print_modes(facts, stream)
+        there = arguments.open and show(plan.page)
+        print(f"wrote {plan.page}{'' if there else ': open it in a browser'}", file=stream)
     return 0
 
 
@@ -113,13 +134,21 @@ class _Strike:
 
     def __init__(self, arguments: argparse.Namespace):
         self.material, self.material_name = self._material(arguments), arguments.material
-        self.mesh = OneMesh(arguments, {self.material_name: self.material}, arguments.modes)
+        self.page = arguments.page or (
+            Path(f"{arguments.mesh.stem}-{self.material_name}.html") if arguments.open else None
+        )
+        named = (
+            {name: self._checked(Material, values) for name, values in MATERIALS.items()} if self.page else {}
+        )
+        materials = {**named, self.material_name: self.material}
+        self.mesh = OneMesh(arguments, materials, arguments.modes, any_poisson=bool(self.page))
         self.point = self._point(arguments.at)
         self.audio = self._checked(
             Audio, {"contact_s": arguments.contact_s, "observable": arguments.observable}
         )
         self.output = arguments.output or Path(f"{self.mesh.path.stem}-{self.material_name}.wav")
-        for path in (self.output, *([Path(arguments.json)] if arguments.json not in (None, "-") else [])):
+        files = [Path(arguments.json)] if arguments.json not in (None, "-") else []
+        for path in (self.output, *files, *([self.page] if self.page else [])):
             check_writable(path)
 
     @staticmethod
@@ -174,6 +203,13 @@ class _Strike:
         tets = products.read_json(mesh.at(folder, "tets_record"))
         facts = self._facts(mesh.at(folder, "modes"), clean, tets, rendered)
         return facts, mesh.at(folder, "sound", material=name).read_bytes()
+
+    def opened(self, folder: Path) -> str:
+        """Return the page of the body; it opens with what the command asked for."""
+        settings = {"material": self.material_name}
+        if self.mesh.options["audio"].points:
+            settings["point"] = "0"
+        return page(self.mesh, folder, settings)
 
     def _facts(self, modes_path: Path, clean: dict, tets: dict, rendered: dict) -> dict:
         import h5py
@@ -234,6 +270,15 @@ def _with_negative_point(argv: list[str]) -> list[str]:
             joined[i : i + 2] = [f"--at={argv[i + 1]}"]
             break
     return joined
+
+
+def _print_modes(facts: dict, stream) -> None:
+    """Print the first modes, each with the estimated error by the elements."""
+    rows = zip(facts["frequencies_hz"], facts["discretisation_error"], strict=True)
+    for mode, (hz, error) in enumerate(rows, 1):
+        if mode > _SHOWN_MODES:
+            break
+        print(f"mode {mode:>2}: {hz:10.1f} Hz ± {100 * error:.2g} %", file=stream)
 
 
 def _print_facts(facts: dict, output: Path, stream) -> None:

@@ -6,13 +6,28 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-#: What a stage has one job for: an object, one of its bodies, a shard, the dataset, a body on the page, a body with
-#: known frequencies, the whole validation, a training, a split of a task, a part of a split, or all of learning.
-OBJECT, BODY, SHARD, DATASET, SHOWN_BODY, KNOWN_BODY, VALIDATION, TRAINING, COMPARISON, PART, LEARNING = (
+#: What a stage has one job for: an object, one of its bodies, a shard, the dataset, an object or a body on the page, a
+#: body with known frequencies, the whole validation, a training, a split of a task, a part of a split, or all of
+#: learning.
+(
+    OBJECT,
+    BODY,
+    SHARD,
+    DATASET,
+    SHOWN_OBJECT,
+    SHOWN_BODY,
+    KNOWN_BODY,
+    VALIDATION,
+    TRAINING,
+    COMPARISON,
+    PART,
+    LEARNING,
+) = (
     "object",
     "body",
     "shard",
     "dataset",
+    "shown object",
     "shown body",
     "known body",
     "validation",
@@ -26,6 +41,7 @@ _WILDCARDS = {
     OBJECT: ("object",),
     BODY: ("object", "solidity"),
     SHARD: ("shard",),
+    SHOWN_OBJECT: ("object",),
     SHOWN_BODY: ("object", "solidity"),
     KNOWN_BODY: ("body",),
     TRAINING: ("task", "split", "model", "seed"),

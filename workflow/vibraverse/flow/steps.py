@@ -7,8 +7,17 @@ table.
 
 from __future__ import annotations
 
-from vibraverse.contract.step import BODY, DATASET, OBJECT, SHARD, SHOWN_BODY, Input, Output, Step
+from vibraverse.contract.step import (
+    BODY,
+    DATASET,
+    OBJECT,
+    SHARD,
+    Input,
+    Output,
+    Step,
+)
 from vibraverse.flow.learning import LEARNING_STEPS
+from vibraverse.flow.page import PAGE_STEPS
 from vibraverse.flow.validation import VALIDATION_STEPS
 
 #: Modules that the readers of mesh files import when they read.
@@ -212,32 +221,7 @@ STEPS = (
         libraries=("numpy", "pyvista", "vtk", "pillow", "meshio"),
         imports=("vibraverse.media.images", "pyvista.plotting"),
     ),
-    Step(
-        name="page_body",
-        version=1,
-        help="write the data with which a body is struck on the page",
-        per=SHOWN_BODY,
-        family="geometry",
-        inputs={
-            "basis": Input("basis", "the modal basis (HDF5)"),
-            "modes": Input("modes", "the materials, and the size of the body (HDF5)"),
-        },
-        outputs={
-            "script": Output(
-                "page_body",
-                "report/data/{object}-{solidity}.js",
-                "outside, frequencies and shapes at every Poisson's ratio (JavaScript)",
-            ),
-            "record": Output(
-                "page_body_record",
-                "report/data/{object}-{solidity}.json",
-                "how far strikes on the page are from those on the body (JSON)",
-            ),
-        },
-        record="record",
-        libraries=("h5py", "numpy", "pymeshlab", "scipy"),
-        imports=("vibraverse.files.basis", "vibraverse.report.body", "h5py"),
-    ),
+    *PAGE_STEPS,
     Step(
         name="dataset",
         version=7,

@@ -34,13 +34,25 @@ def shard_products(plan: Plan, shard: str) -> list[str]:
     ]
 
 
-def page_bodies(plan: Plan) -> list[str]:
-    """Return the scripts with which the bodies of all objects are struck on the page."""
-    return [
-        plan.paths.at(plan.paths.page_body, object=object_, solidity=solidity)
-        for object_ in sorted(plan.objects)
-        for solidity in plan.config.solidities
-    ]
+def page_objects(plan: Plan) -> list[str]:
+    """Return what the page shows of all objects; each needs the data of the object's bodies."""
+    return [plan.paths.at(plan.paths.page_object, object=object_) for object_ in sorted(plan.objects)]
+
+
+def of_bodies(plan: Plan, pattern: str) -> list[str]:
+    """Return a pattern of bodies for each body of an object, with the object's wildcard left open."""
+    return [pattern.replace("{solidity}", solidity) for solidity in plan.config.solidities]
+
+
+def shown(plan: Plan) -> dict[str, str | list[str]]:
+    """Return the inputs of the rule ``page_object`` that not every run has: the wall, and bases for struck points."""
+    wall = {"hollow_record": plan.paths.hollow_record} if "hollow" in plan.config.solidities else {}
+    return wall | ({"basis": of_bodies(plan, plan.paths.basis)} if plan.config.audio.points else {})
+
+
+def shown_arguments(plan: Plan) -> str:
+    """Return the options that name these inputs to the stage ``page_object``, with Snakemake's placeholders."""
+    return " ".join(f"--{name.replace('_', '-')} {{input.{name}:q}}" for name in shown(plan))
 
 
 def shards(plan: Plan) -> list[str]:

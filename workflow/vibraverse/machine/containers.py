@@ -32,6 +32,8 @@ SOURCES = (
     "containers/family.def",
     "envs/bootstrap.txt",
     "envs/env.sh",
+    "envs/front.py",
+    "envs/node.txt",
     "envs/system.sh",
     "envs/system.txt",
     "LICENSE",

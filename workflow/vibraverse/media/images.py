@@ -121,16 +121,11 @@ def render_views(vertices, faces, views: list[View], looks: list[str], size_px: 
     ``vertices`` (V, 3) and outward ``faces`` (F, 3) may lie anywhere: the centre of the bounding box is the centre of
     the picture. Raises ``RuntimeError`` when the machine has no off-screen renderer or it draws an empty picture.
     """
-    choose_window()
-    import pyvista
-
     vertices = np.asarray(vertices, dtype=np.float64)
     vertices = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2
     distance = camera_distance(vertices, views)
     radius = float(np.linalg.norm(vertices, axis=1).max())
-    scale = max(1, min(_SUPERSAMPLING, _MAX_DRAWN_PX // size_px))
-    plotter = pyvista.Plotter(off_screen=True, window_size=(scale * size_px,) * 2, lighting="none")
-    plotter.disable_anti_aliasing()
+    plotter, scale = _plotter(size_px)
     try:
         renderer = _light(plotter)
         surface = _smooth(vertices, faces)
@@ -162,6 +157,48 @@ def render_views(vertices, faces, views: list[View], looks: list[str], size_px: 
     if any((drawn == drawn[0, 0, 0]).all() for drawn in pictures.values()):
         raise RuntimeError(f"the renderer drew an empty picture; its description: {description[:500]}")
     return Rendering(pictures, distance, _renderer_name(description))
+
+
+def render_poses(poses: np.ndarray, faces, view: View, look: str, size_px: int) -> np.ndarray:
+    """Draw a surface in several poses (n, V, 3), all from one view; return the pictures (n, size_px, size_px, 3) uint8.
+
+    Raises as :func:`render_views`. The surface should be centred at the origin.
+    """
+    poses = np.asarray(poses, dtype=np.float64)
+    distance = camera_distance(poses.reshape(-1, 3), [view])
+    plotter, scale = _plotter(size_px)
+    pictures = np.empty((len(poses), size_px, size_px, 3), np.uint8)
+    try:
+        renderer = _light(plotter)
+        plotter.show(auto_close=False, interactive=False)
+        camera = plotter.camera
+        right, up, back = view.axes()
+        camera.view_angle = FIELD_OF_VIEW_DEG
+        camera.focal_point, camera.position, camera.up = (0, 0, 0), back * distance, up
+        camera.clipping_range = (0.05 * distance, 2 * distance)
+        renderer.SetEnvironmentUp(0, 0, 1)
+        renderer.SetEnvironmentRight(*right)
+        for picture, pose in zip(pictures, poses, strict=True):
+            actors = _actors(plotter, _smooth(pose, faces), look_of(look))
+            plotter.render()
+            picture[:] = Image.fromarray(plotter.screenshot(return_img=True)).reduce(scale)
+            plotter.remove_actor(actors, render=False)
+    finally:
+        plotter.close()
+    if (pictures == pictures[0, 0, 0]).all():
+        raise RuntimeError("the renderer drew an empty picture")
+    return pictures
+
+
+def _plotter(size_px: int):
+    """Return an off-screen plotter, and how many times larger than a picture it draws."""
+    choose_window()
+    import pyvista
+
+    scale = max(1, min(_SUPERSAMPLING, _MAX_DRAWN_PX // size_px))
+    plotter = pyvista.Plotter(off_screen=True, window_size=(scale * size_px,) * 2, lighting="none")
+    plotter.disable_anti_aliasing()
+    return plotter, scale
 
 
 def png_bytes(picture: np.ndarray) -> bytes:

@@ -39,6 +39,7 @@ def run(job: Job) -> None:
         {
             "object": job.object,
             "solidity": job.solidity,
+            "order": basis.order,
             "bytes": len(script),
             "vertices": vertices,
             "columns": data["columns"]["shape"][0],

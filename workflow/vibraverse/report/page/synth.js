@@ -155,6 +155,23 @@ const synth = (() => {
     }
   }
 
+  // The mode after the contact: its free motion [value, motion], its ringing frequency (0: it creeps), its amplitude.
+  function released(omega, damping, weight, contact, observable) {
+    const [value, motion] = afterContact(omega, damping, weight, contact, ORDER[observable]);
+    const ringing = damping < omega ? Math.sqrt((omega - damping) * (omega + damping)) : 0;
+    return { omega, damping, weight, value, motion, ringing, amplitude: Math.hypot(motion / ringing, value) };
+  }
+
+  // The largest value of each mode after the contact, in the unit of the samples; 0 above half the rate.
+  function amplitudes(modes, options = {}) {
+    const { rate = 44100, contact = 0, observable = "displacement" } = options;
+    return Float64Array.from(modes.omega, (omega, place) => {
+      if (omega >= Math.PI * rate) return 0;
+      const mode = released(omega, modes.damping[place], modes.weights ? modes.weights[place] : 1, contact, observable);
+      return mode.ringing > 0 ? mode.amplitude : Math.abs(mode.value) + Math.abs(mode.motion) / omega;
+    });
+  }
+
   // The sound of modes with angular frequencies `omega`, decay rates `damping` and weights (default: all 1), as samples
   // in sqrt(kg)·m (per second or second squared for velocity and acceleration), with counts of the modes. Each mode
   // stops where it is `floorDb` below the loudest moment.
@@ -167,11 +184,8 @@ const synth = (() => {
         above += 1;
         return;
       }
-      const damping = modes.damping[place];
       const weight = modes.weights ? modes.weights[place] : 1;
-      const [value, motion] = afterContact(omega, damping, weight, contact, ORDER[observable]);
-      const ringing = damping < omega ? Math.sqrt((omega - damping) * (omega + damping)) : 0;
-      heard.push({ omega, damping, weight, value, motion, ringing, amplitude: Math.hypot(motion / ringing, value) });
+      heard.push(released(omega, modes.damping[place], weight, contact, observable));
     });
     const { seconds, loudest } = ends(heard, rate, decayDb, maxS);
     const pressed = Math.ceil(contact * rate);
@@ -185,7 +199,9 @@ const synth = (() => {
         samples[place] += mode.weight * motion[ORDER[observable]];
       }
       if (mode.ringing > 0) addRinging(samples, pressed, mode, later, rate, floor);
-      else for (let place = 0; place < free; place += 1) samples[pressed + place] += overdamped(mode, later + place / rate);
+      else
+        for (let place = 0; place < free; place += 1)
+          samples[pressed + place] += overdamped(mode, later + place / rate);
     }
     const fade = Math.round(FADE_S * rate);
     for (let place = 1; place <= fade; place += 1) {
@@ -200,7 +216,7 @@ const synth = (() => {
     };
   }
 
-  return { inMaterial, struckWeights, nearestStop, impulseMotion, contactMotion, render };
+  return { inMaterial, struckWeights, nearestStop, impulseMotion, contactMotion, amplitudes, render };
 })();
 
 if (typeof module !== "undefined") module.exports = synth;
