@@ -175,5 +175,5 @@ def write(folder: Path, given: dict, scripts: str = "", validated: dict | None =
         files["main.js"] = scripts.encode() + files["main.js"]
     place = f"page/{write_assets(folder / 'page', files)}"
     page = folder / "index.html"
-    page.write_text(assembly.html(chosen.title, chosen.kind, place), encoding="utf-8")
+    page.write_text(assembly.html(chosen.title, chosen.kind, place, files), encoding="utf-8")
     return page

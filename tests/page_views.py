@@ -14,8 +14,8 @@ route.add("object", {show(root, asked) {
 """
 SOUND = """
 const played = [];
-const sound = {unlock() { played.push("unlocked"); return true; },
-  play(given) { played.push(given); return {stop() { played.push("stopped"); }}; }};
+Object.assign(sound, {unlock() { played.push("unlocked"); return true; },
+  play(given) { played.push(given); return {stop() { played.push("stopped"); }}; }});
 """
 TABS = """
 return [...document.querySelectorAll("a[href], button, input, select, summary, [tabindex]")].filter((one) =>

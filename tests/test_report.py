@@ -226,7 +226,7 @@ def test_a_file_that_is_no_index_is_named(report_page, tmp_path, vibraverse):
 
 
 def test_a_title_cannot_break_the_page():
-    text = assembly.html("</title><script>alert(1)</script>", "run", "page/x")
+    text = assembly.html("</title><script>alert(1)</script>", "run", "page/x", [])
     assert "<script>alert" not in text
     assert text.count("</title>") == 1
 

@@ -25,7 +25,7 @@ AS_PARAMETERS = {("index", "resolved"), ("report", "learning"), ("learn_page", "
 #: Inputs that a function of the wildcards lists.
 LISTED = {("baselines", "descents")}
 #: Inputs that the stage finds by itself, listed in the rule for Snakemake's sake.
-FOUND_BY_THE_STAGE = {("dataset", "products")}
+FOUND_BY_THE_STAGE = {("dataset", "products"), ("report", "objects")}
 _VALIDATION = dict.fromkeys(("validation_meshes", "validation_modes", "validation_table"), "validation")
 _LEARNING = dict.fromkeys(
     ("features", "train", "evaluate", "diffsound", "baselines", "results", "learn_page"), "learn"

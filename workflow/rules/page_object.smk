@@ -1,4 +1,4 @@
-# What the page shows of an object and its bodies: the target `page_data`. Not part of `all`.
+# What the page shows of an object.
 
 
 rule page_object:
@@ -46,8 +46,3 @@ rule page_object:
         "--thumbnail {output.thumbnail:q} "
         "--record {output.record:q} "
         "--threads {threads} > {log:q} 2>&1"
-
-
-rule page_data:
-    input:
-        targets.page_objects(plan),

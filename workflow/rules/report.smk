@@ -5,6 +5,7 @@ rule report:
     input:
         index=paths.index_columns,
         record=paths.dataset_record,
+        objects=targets.page_objects(plan),
         validation=targets.validation_done(plan),
     output:
         page=paths.report,

@@ -35,7 +35,12 @@ def shard_products(plan: Plan, shard: str) -> list[str]:
 
 
 def page_objects(plan: Plan) -> list[str]:
-    """Return what the page shows of all objects; each needs the data of the object's bodies."""
+    """Return what the page shows of all objects; each needs the data of the object's bodies.
+
+    A run that joins slices names none: the slices have made them, and there may be very many.
+    """
+    if plan.joins:
+        return []
     return [plan.paths.at(plan.paths.page_object, object=object_) for object_ in sorted(plan.objects)]
 
 
@@ -112,9 +117,9 @@ def struck_argument(plan: Plan) -> str:
 
 
 def everything(plan: Plan) -> list[str]:
-    """Return the targets of a run: the shards for a slice, else the report, verdict and dataset."""
+    """Return the targets of a run: shards and data of the page for a slice, else the report, verdict and dataset."""
     if plan.owned is not None:
-        return shards(plan)
+        return shards(plan) + page_objects(plan)
     paths = plan.paths
     # The dataset's later files are named too; otherwise results made by earlier versions would never get them.
     last = (paths.report, paths.verdict)

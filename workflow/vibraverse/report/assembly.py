@@ -8,18 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 
-from vibraverse.report import shell
+from vibraverse.report import library, shell
 from vibraverse.report.packing import call
 from vibraverse.report.sheets import sheets
 
 #: Styles and scripts in the order in which the shell names them; all lie in this room.
-STYLES = ("style.css", "page/shell.css", "page/explorer.css")
+STYLES = ("style.css", "page/shell.css", "page/explorer.css", "page/object.css")
 SCRIPTS = (
     "shared.js",
-    "page/synth.js",
-    "page/unpack.js",
-    "page/data.js",
-    "page/route.js",
+    *(f"page/{name}" for name in library.SCRIPTS),
     "page/words.js",
     "page/catalogue.js",
     "page/elements.js",
@@ -30,6 +27,8 @@ SCRIPTS = (
     "page/run.js",
     "page/main.js",
 )
+#: Name of the library's file; there is none where it could not be fetched.
+_LIBRARY = "three.js"
 #: The views that the head links, by kind of page; the first one opens.
 VIEWS = {
     "run": (("overview", "Overview"), ("explore", "Explore"), ("run", "Run")),
@@ -40,13 +39,19 @@ VIEWS = {
 def files(data: Mapping, thumbs: Iterable[bytes]) -> dict[str, bytes]:
     """Return the files of the page by name; ``data`` is its index, ``thumbs`` are the thumbnails it numbers."""
     found = {_name(path): shell.text(path).encode() for path in (*STYLES, *SCRIPTS)}
+    if bundle := library.bundle():
+        found[_LIBRARY] = bundle.encode()
     found["index.js"] = call("vibraverse.index", data).encode("ascii")
     found.update((f"thumbs-{number}.webp", sheet) for number, sheet in enumerate(sheets(thumbs)))
     return found
 
 
-def html(title: str, kind: str, place: str, learning: str = "") -> str:
-    """Return the shell; ``place`` is the folder of the files and ``learning`` the page of learning, relative to it."""
+def html(title: str, kind: str, place: str, named: Iterable[str], learning: str = "") -> str:
+    """Return the shell.
+
+    ``place`` is the folder of the files ``named``, ``learning`` is the page of learning, both relative to it.
+    """
+    library_first = [_LIBRARY] if _LIBRARY in named else []
     return shell.fill(
         "explorer.html",
         title=title,
@@ -55,7 +60,7 @@ def html(title: str, kind: str, place: str, learning: str = "") -> str:
         learning=learning,
         views=VIEWS[kind],
         styles=[_name(path) for path in STYLES],
-        scripts=[_name(path) for path in SCRIPTS],
+        scripts=[*library_first, *map(_name, SCRIPTS)],
     )
 
 

@@ -36,7 +36,12 @@ def run(job: Job) -> None:
     shown += [products.sha256(path).encode() for path in job.inputs["page_body_record"]]
     version = hashlib.sha256(b"\0".join(shown)).hexdigest()[:8]
     row = index_row(job.object, data, version)
-    job.write_record({"object": job.object, "bytes": len(script), "row": row})
+    warnings = [
+        {"solidity": solidity, **one}
+        for solidity, body in data["bodies"].items()
+        for one in body.get("warnings", ())
+    ]
+    job.write_record({"object": job.object, "bytes": len(script), "row": row, "warnings": warnings})
     print(f"{len(script) / 1000:.1f} kB, {len(json.dumps(row))} bytes of the index")
 
 

@@ -56,7 +56,7 @@ def run(job: Job) -> None:
         lambda: remove_others(parent, folder),
         lambda: shutil.rmtree(page.parent / "assets", ignore_errors=True),  # of the page before version 7
     ]
-    text = assembly.html(job.options.title, job.options.kind, f"{parent.name}/{folder}", learning)
+    text = assembly.html(job.options.title, job.options.kind, f"{parent.name}/{folder}", files, learning)
     job.outputs["page"].write_text(text, encoding="utf-8")
 
 

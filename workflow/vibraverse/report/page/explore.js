@@ -108,9 +108,8 @@ const explore = (() => {
     return loudest > 0 ? { samples, rate, gain_db: LEVEL_DB - 20 * Math.log10(loudest) } : null;
   }
 
-  // A switch after which objects sound while the pointer or the focus is on them; "" where nothing can sound.
+  // A switch after which objects sound while the pointer or the focus is on them.
   function hearing(shelf, look) {
-    if (typeof sound === "undefined") return { button: null, over() {}, stop() {} };
     let on = false;
     let waiting = 0;
     let voice = null;
