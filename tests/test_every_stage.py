@@ -1,6 +1,6 @@
 """Every stage of the table really runs, including the validation and its part of the report.
 
-The tiny run makes all but the data of the page and the validation. Its own rules run the latter for the body that takes
+The tiny run makes all but the validation. Its own rules run the latter for the body that takes
 least; the comparisons of the other bodies are copies of its.
 """
 
@@ -27,7 +27,7 @@ KNOWN = "block"
 
 @pytest.fixture(scope="module")
 def validated(finished, tmp_path_factory) -> Run:
-    """A copy of the tiny run after ``snakemake validation page_data``, and the report that shows the validation."""
+    """A copy of the tiny run after ``snakemake validation``, and the report that shows the validation."""
     run = Run(tmp_path_factory.mktemp("validated"), finished.root)
     shutil.copytree(finished.folder, run.folder, dirs_exist_ok=True)
     paths = Paths()
@@ -42,7 +42,6 @@ def validated(finished, tmp_path_factory) -> Run:
             {**said, "body": body, "rows": rows},
         )
     run("validation")
-    run("page_data")
     run()
     return run
 

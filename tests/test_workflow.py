@@ -242,7 +242,7 @@ def test_every_job_is_printed_with_its_own_command(tmp_path, root):
         for line, following in itertools.pairwise(lines)
         if (named := re.match(r"Job \d+: (bar-\d+)(?:, (solid|hollow))?: (.*)", line))
     }
-    assert len(commands) == 3 * 13
+    assert len(commands) == 3 * 16
     for (name, solidity, _), command in commands.items():
         assert command.startswith("Shell command: vibraverse ")
         assert f" --object {name} " in command
