@@ -18,6 +18,7 @@ from vibraverse.physics.materials import MATERIALS
 from vibraverse.report import assembly
 from vibraverse.report.facts import PARAMETERS, facts, times
 from vibraverse.report.index import index, pictured
+from vibraverse.report.packing import call
 from vibraverse.stages.report import write_assets
 
 NAMES = ("ceramic", "glass", "steel", "wood")
@@ -29,7 +30,7 @@ ADVICE = "Use a closed mesh with a thicker wall."
 def invented(count: int, refused: int | None = None) -> dict:
     """Return the arguments of :func:`vibraverse.report.index.index` for ``count`` objects."""
     refused = count // 10 if refused is None else refused
-    items, refusals, seen, costs = [], [], {}, {}
+    items, refusals, seen = [], [], {}
     random = rng("invented page")
     gone = set(random.permutation(count)[:refused].tolist())
     for number in range(count):
@@ -37,9 +38,6 @@ def invented(count: int, refused: int | None = None) -> dict:
         object_id = f"{family}-{number // len(FAMILIES):04d}"
         row = {"title": f"A {family} {number}", "family": family, "source": "generated", "bodies": {}}
         seen[object_id] = {"row": {**row, "version": f"{number:08x}"}, "warnings": []}
-        costs[object_id] = dict(
-            zip(STAGES, random.gamma(2.0, (0.1, 1, 4, 6, 9, 30, 3, 2, 5)).tolist(), strict=True)
-        )
         if number in gone:
             stage, reason = (("clean", "not_a_solid"), ("tets", "meshing_failed"), ("hollow", "too_thin"))[
                 number % 3
@@ -67,7 +65,14 @@ def invented(count: int, refused: int | None = None) -> dict:
                 seen[object_id]["warnings"].append(warning)
             pitch = float(random.uniform(0.1, 1.2)) / size
             items += [item(object_id, family, solidity, name, size, volume, pitch, number) for name in NAMES]
-    return {"items": items, "refusals": refusals, "seen": seen, "materials": NAMES, "costs": costs}
+    return {"items": items, "refusals": refusals, "seen": seen, "materials": NAMES}
+
+
+def costs(objects) -> dict[str, dict[str, float]]:
+    """Return CPU seconds by object and stage."""
+    random = rng("invented times")
+    scales = (0.1, 1, 4, 6, 9, 30, 3, 2, 5)
+    return {name: dict(zip(STAGES, random.gamma(2.0, scales).tolist(), strict=True)) for name in objects}
 
 
 def item(object_id, family, solidity, material, size, volume, pitch, number) -> dict:
@@ -168,12 +173,14 @@ def write(folder: Path, given: dict, scripts: str = "", validated: dict | None =
     chosen = ReportOptions(**{"title": "Things that ring", **options})
     found = index(**given)
     said = facts(record(given), chosen)
-    spent = {} if chosen.kind == "dataset" else times(given["costs"])
-    data = {**said, **found, "times": spent, "validation": validated, "learning": ""}
+    data = {**said, **found, "validation": validated, "learning": ""}
     files = assembly.files(data, map(thumb, pictured(found)))
     if scripts:
         files["main.js"] = scripts.encode() + files["main.js"]
     place = f"page/{write_assets(folder / 'page', files)}"
+    (folder / "data").mkdir(exist_ok=True)
+    spent = times({} if chosen.kind == "dataset" else costs(given["seen"]))
+    (folder / "data/times.js").write_text(call("vibraverse.times", spent), encoding="ascii")
     page = folder / "index.html"
     page.write_text(assembly.html(chosen.title, chosen.kind, place, files), encoding="utf-8")
     return page

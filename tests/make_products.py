@@ -110,7 +110,14 @@ def report(results: Path, **changes) -> Path:
     paths = Paths(results)
     learning = ("--learning", paths.learn_page) if Path(paths.learn_page).exists() else ()
     inputs = ("--index", paths.index_columns, "--record", paths.dataset_record)
-    outputs = ("--page", paths.report, "--options", json.dumps({"results": str(results), **changes}))
+    outputs = (
+        "--page",
+        paths.report,
+        "--times",
+        paths.page_times,
+        "--options",
+        json.dumps({"results": str(results), **changes}),
+    )
     call("report", *inputs, *learning, *outputs)
     return Path(paths.report)
 

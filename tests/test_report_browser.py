@@ -58,7 +58,7 @@ def test_a_bar_of_a_plot_is_a_filter(browser, page):
     low, high = map(float, href.split("f1=")[1].split("&")[0].split(".."))
     pitches = browser.execute_script(
         """
-        const shelf = catalogue.read(arguments[0]);
+        const shelf = catalogue.read(arguments[0], vibraverse.taken());
         return shelf.entries.filter((one) => Object.values(one.bodies).some((body) =>
           body.f1[2] >= arguments[1] && body.f1[2] <= arguments[2])).length;
         """,

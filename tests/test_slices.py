@@ -66,9 +66,10 @@ def test_the_plans_of_all_slices_are_the_whole_plan():
     parts = [Plan({**values, "slice": f"{i}/5"}) for i in range(1, 6)]
     assert sorted(chain(*(part.objects for part in parts))) == sorted(whole.objects)
     assert {shard: ids for part in parts for shard, ids in part.shards.items()} == whole.shards
-    assert sorted(chain(*map(everything, parts))) == [
-        f"results/dataset/shards/{shard}.h5" for shard in sorted(whole.shards)
-    ]
+    shown = [f"results/report/data/objects/{object_}.js" for object_ in whole.objects]
+    assert sorted(chain(*map(everything, parts))) == sorted(
+        [*(f"results/dataset/shards/{shard}.h5" for shard in whole.shards), *shown]
+    )
     for part in parts:
         assert {int(shard) for shard in part.shards} <= set(part.owned)
     assert everything(Plan({**values, "slice": "join"})) == everything(whole)

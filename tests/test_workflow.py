@@ -35,7 +35,10 @@ LATER = {"dataset": 1, "index": 1, "report": 1, "verdict": 1, "all": 1}
 def rerun(stage: str) -> dict[str, int]:
     """Return the jobs that rerun with a stage of one object, counted by rule."""
     first = [made for made in jobs(Paths(), "bar-0000") if made.step.name == stage]
-    return {**Counter(made.step.name for made in {later for one in first for later in after(one)}), **LATER}
+    again = {later for one in first for later in after(one)}
+    bodies = {made.solidity for made in again if made.step.name == "modes"}
+    shown = {"page_object": 1, **({"page_body": len(bodies)} if bodies else {})}
+    return {**Counter(made.step.name for made in again), **shown, **LATER}
 
 
 @pytest.fixture
@@ -95,6 +98,7 @@ def test_every_job_is_in_the_journal(finished, vibraverse):
     (shard,) = (path.stem for path in (results / "dataset/shards").glob("*.h5"))
     assert set(jobs) == {
         *((step.name, "bar-0000", body) for step in CHAIN for body in step.bodies(("solid", "hollow"))),
+        *(("page_body", "bar-0000", body) for body in ("solid", "hollow")), ("page_object", "bar-0000", ""),
         ("dataset", shard, ""), ("index", "", ""), ("report", "", ""),
     }  # fmt: skip
     assert {job.outcome for job in jobs.values()} == {"done"}

@@ -110,13 +110,14 @@ class Run:
         return {rule: int(count) for rule, count in rows.items()}, text
 
     def checksums(self) -> dict[str, str]:
-        """Return the SHA-256 of every product. Logs and the journal hold times, as do files of Snakemake."""
+        """Return the SHA-256 of every product. Logs, the journal and its excerpt on the page hold times, as do files of
+        Snakemake."""
         results = self.folder / self.config["results"]
         return {
             str(path.relative_to(results)): hashlib.sha256(path.read_bytes()).hexdigest()
             for path in sorted(results.rglob("*"))
             if path.is_file()
-            and path.name != ".snakemake_timestamp"
+            and path.name not in (".snakemake_timestamp", "times.js")
             and path.relative_to(results).parts[0] not in ("logs", "journal", ".run.lock")
         }
 

@@ -9,6 +9,7 @@ rule report:
         validation=targets.validation_done(plan),
     output:
         page=paths.report,
+        times=paths.page_times,
     log:
         paths.log("report"),
     conda:
@@ -33,6 +34,7 @@ rule report:
         "{params.validation} "
         "{params.learning} "
         "--page {output.page:q} "
+        "--times {output.times:q} "
         "--options {params.options:q} "
         "--threads {threads} > {log:q} 2>&1"
 

@@ -312,7 +312,10 @@ STEPS = (
                 "report",
                 "report/index.html",
                 "index.html; scripts, styles, index and thumbnails go to page/ beside it",
-            )
+            ),
+            "times": Output(
+                "page_times", "report/data/times.js", "computing times, from the journal (JavaScript)"
+            ),
         },
         options="dataset:ReportOptions",
         libraries=("jinja2", "numpy", "h5py", "pillow"),

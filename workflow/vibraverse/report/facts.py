@@ -56,20 +56,28 @@ def facts(record: Mapping, options) -> dict:
     return said
 
 
-def times(costs: Mapping[str, Mapping[str, float]]) -> dict[str, list[float]]:
-    """Return jobs, total and median CPU seconds of each stage from the costs by object, in the order of the chain.
+def times(costs: Mapping[str, Mapping[str, float]]) -> dict[str, dict]:
+    """Return computing times from CPU seconds by object and stage.
 
-    The jobs of a stage for one object, such as solid and hollow, count as one.
+    ``stages`` holds jobs, total and median CPU seconds of each stage in the order of the chain; the jobs of a stage for
+    one object, such as solid and hollow, count as one. ``objects`` holds the total of each object and the stage that
+    took most of it.
     """
     by_stage: dict[str, list[float]] = {}
     for cost in costs.values():
         for stage, seconds in cost.items():
             by_stage.setdefault(stage, []).append(seconds)
-    return {
+    stages = {
         name: [len(by_stage[name]), round(sum(by_stage[name]), 1), round(median(by_stage[name]), 2)]
         for name in VERSIONS
         if name in by_stage
     }
+    objects = {
+        name: [round(sum(cost.values()), 1), max(cost, key=cost.__getitem__)]
+        for name, cost in costs.items()
+        if cost
+    }
+    return {"stages": stages, "objects": objects}
 
 
 def _publication(record: Mapping, card) -> dict:

@@ -14,7 +14,7 @@ from vibraverse.flow.paths import SOLIDITIES
 
 #: Columns of a row; after them comes one for each solidity, with a body or 0.
 COLUMNS = (
-    "id", "title", "source", "family", "licence", "split", "size_m", "version", "thumb", "cpu_s", "dearest", "refused",
+    "id", "title", "source", "family", "licence", "split", "size_m", "version", "thumb", "refused",
 )  # fmt: skip
 #: Numbers of a body; after them comes its lowest frequency in Hz in each material, 0 where it has none. ``warned`` has
 #: a bit for each kind of warning, ``last_hz`` is the highest of ``modes`` frequencies in the first material.
@@ -47,14 +47,13 @@ def index(
     refusals: Iterable[Mapping],
     seen: Mapping[str, Mapping],
     materials: Sequence[str],
-    costs: Mapping[str, Mapping[str, float]],
 ) -> dict:
     """Return columns, names, rows and warnings of the page's index.
 
-    ``items`` are the rows of the dataset's index, ``refusals`` those of its refusals, ``costs`` CPU seconds by object
-    and stage. ``seen`` are the records of ``page_object``: ``row`` with ``version``, what is known of a refused object
-    (``title``, ``source``, ``family``, ``licence``) and ``bodies`` with their ``worst_error`` by solidity, and
-    ``warnings`` with ``solidity``, ``kind`` and ``text``. An object without a record has neither picture nor sound.
+    ``items`` are the rows of the dataset's index, ``refusals`` those of its refusals. ``seen`` are the records of
+    ``page_object``: ``row`` with ``version``, what is known of a refused object (``title``, ``source``, ``family``,
+    ``licence``) and ``bodies`` with their ``worst_error`` by solidity, and ``warnings`` with ``solidity``, ``kind`` and
+    ``text``. An object without a record has neither picture nor sound.
     """
     about, bodies = _gathered(items)
     refused: dict[str, list[Mapping]] = {}
@@ -69,7 +68,6 @@ def index(
         known, record = about.get(object_id, {}), seen.get(object_id, {})
         shown = record.get("row", {})
         texts = {name: known.get(name) or shown.get(name) or "" for name in ("title", *CODED)}
-        cost = costs.get(object_id, {})
         pictured = bool(shown.get("version")) and object_id in about
         rows.append(
             [
@@ -79,8 +77,6 @@ def index(
                 short(known.get("size_m", 0.0)),
                 shown.get("version", ""),
                 thumbs if pictured else -1,
-                short(sum(cost.values()), 2),
-                names["stage"].code(max(cost, key=cost.__getitem__)) if cost else -1,
                 [_refusal(one, names, solidities) for one in refused.get(object_id, ())] or 0,
                 *(_body(bodies.get(object_id, {}).get(name), record, name, materials) for name in solidities),
             ]

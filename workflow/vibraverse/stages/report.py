@@ -2,7 +2,8 @@
 
 The records and thumbnails of the objects lie beside the page, where ``page_object`` wrote them; the rule lists them for
 Snakemake. The page's own files go into a folder that is named by a hash of their content. The folder of the previous
-page stays until the new page is in place.
+page stays until the new page is in place. What the run took lies in a file of its own: all others have the same bytes in
+every run of the same dataset.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ def run(job: Job) -> None:
     from vibraverse.report import assembly
     from vibraverse.report.facts import facts, times
     from vibraverse.report.index import index, pictured
+    from vibraverse.report.packing import call
 
     page, record = job.final["page"], products.read_json(job.inputs["record"])
     try:
@@ -36,12 +38,11 @@ def run(job: Job) -> None:
     shown = page.parent / "data/objects"
     costs = _costs(job.options.results, objects) if job.options.kind == "run" else {}
     rows = dataset.items.rows()
-    found = index(rows, dataset.refusals, _records(shown, objects), list(record["materials"]), costs)
+    found = index(rows, dataset.refusals, _records(shown, objects), list(record["materials"]))
     learning = os.path.relpath(job.inputs["learning"], page.parent) if "learning" in job.inputs else ""
     data = {
         **facts(record, job.options),
         **found,
-        "times": times(costs),
         "validation": _validation(job),
     }
     named = pictured(found)
@@ -57,6 +58,7 @@ def run(job: Job) -> None:
         lambda: shutil.rmtree(page.parent / "assets", ignore_errors=True),  # of the page before version 7
     ]
     text = assembly.html(job.options.title, job.options.kind, f"{parent.name}/{folder}", files, learning)
+    job.outputs["times"].write_text(call("vibraverse.times", times(costs)), encoding="ascii")
     job.outputs["page"].write_text(text, encoding="utf-8")
 
 

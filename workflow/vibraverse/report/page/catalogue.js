@@ -39,7 +39,8 @@ const catalogue = (() => {
   }
 
   // The index as the views use it. An entry has texts, and `bodies` and `refused` by solidity ("" is the whole object).
-  function read(data) {
+  // `times` is what the run took, as `vibraverse.times` got it.
+  function read(data, times = { stages: {}, objects: {} }) {
     const { materials } = data;
     const place = Object.fromEntries(data.columns.map((name, number) => [name, number]));
     const entries = data.rows.map((row) => {
@@ -51,8 +52,7 @@ const catalogue = (() => {
       };
       entry.title = row[place.title] || entry.id;
       for (const name of CODED) entry[name] = data.names[name][row[place[name]]] || "";
-      entry.cost = row[place.cpu_s];
-      entry.dearest = data.names.stage[row[place.dearest]] || "";
+      [entry.cost, entry.dearest] = times.objects[entry.id] || [0, ""];
       entry.bodies = {};
       for (const name of data.solidities) {
         const found = body(row[place[name]], data, materials);
@@ -69,7 +69,7 @@ const catalogue = (() => {
       entry.words = [entry.id, entry.title, entry.family, entry.source].join(" ").toLowerCase();
       return entry;
     });
-    return { data, entries, materials: materials.map((one) => one.name), solidities: data.solidities };
+    return { data, times, entries, materials: materials.map((one) => one.name), solidities: data.solidities };
   }
 
   // A span "low..high", either end open, as two numbers; null if it is none.

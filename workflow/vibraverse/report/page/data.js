@@ -41,9 +41,11 @@ const vibraverse = (() => {
 
   return {
     index: (data) => arrived.set("index", data),
+    times: (data) => arrived.set("times", data),
     object: (id, data) => arrived.set(named("object", id), data),
     body: (id, solidity, data) => arrived.set(named("body", id, solidity), data),
     own,
+    taken: () => arrived.get("times"), // undefined where the run's times are not there
     loadIndex: () => load("index", own("index.js")),
     loadObject: (id, version) => load(named("object", id), file(id, version)),
     loadBody: (id, solidity, version) => load(named("body", id, solidity), file(`${id}.${solidity}`, version)),

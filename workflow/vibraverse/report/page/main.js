@@ -47,7 +47,7 @@
   });
   themes();
   vibraverse.loadIndex().then((data) => {
-    const shelf = catalogue.read(data);
+    const shelf = catalogue.read(data, vibraverse.taken());
     const views = { overview, explore, run };
     for (const [name, made] of Object.entries(views)) route.add(name, made.view(shelf));
     route.start(data.kind === "dataset" ? "explore" : "overview");

@@ -287,7 +287,7 @@ const overview = (() => {
         href: href(name, { material }),
         ...more,
       });
-    const spent = Object.entries(shelf.data.times || {}).map(([stage, [, seconds, middle]]) => ({
+    const spent = Object.entries(shelf.times.stages).map(([stage, [, seconds, middle]]) => ({
       name: stage,
       value: seconds,
       said: `${words.effort(seconds)}, ${words.effort(middle)} an object`,
