@@ -2,8 +2,8 @@
 
 The records and thumbnails of the objects lie beside the page, where ``page_object`` wrote them; the rule lists them for
 Snakemake. The page's own files go into a folder that is named by a hash of their content. The folder of the previous
-page stays until the new page is in place. What the run took lies in a file of its own: all others have the same bytes in
-every run of the same dataset.
+page stays until the new page is in place. What the run took lies in a file of its own, so that all others have the same
+bytes in every run.
 """
 
 from __future__ import annotations
