@@ -64,9 +64,8 @@ class Resonances:
         (poisson,) = parameters
         lam, mu = lame(1.0, poisson)
         of_lambda, of_mu = self._stiffness
-        values, vectors = scipy.linalg.eigh(
-            lam * of_lambda + mu * of_mu, subset_by_index=(0, self.modes - 1), check_finite=False
-        )
+        values, vectors = np.linalg.eigh(lam * of_lambda + mu * of_mu)
+        values, vectors = values[: self.modes], vectors[:, : self.modes]
         grown = (1 + 2 * poisson**2) / ((1 + poisson) * (1 - 2 * poisson)) ** 2, -0.5 / (1 + poisson) ** 2
         slopes = sum(
             factor * np.vecdot(vectors, matrix @ vectors, axis=0)

@@ -56,7 +56,8 @@ class PolynomialSpace:
                 f"The polynomials have {len(self.k_mu)} elastic directions, too few for {count} modes; raise the degree"
             )
         lam, mu = lame(1.0, poisson)
-        return scipy.linalg.eigh(lam * self.k_lambda + mu * self.k_mu, subset_by_index=(0, count - 1))
+        values, vectors = np.linalg.eigh(lam * self.k_lambda + mu * self.k_mu)
+        return values[:count], vectors[:, :count]
 
     def fields(self, points: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Return the displacements (3p, m) of coefficients (q, m) at points (p, 3), components interleaved."""
