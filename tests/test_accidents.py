@@ -156,11 +156,10 @@ def copied(finished: Run, folder: Path, results: Path | None = None) -> Run:
     return Run(folder, finished.root)
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.6])
-def test_a_run_killed_while_it_writes_shards(finished, tmp_path, share):
+def test_a_run_killed_while_it_writes_shards(finished, tmp_path):
     run = copied(finished, tmp_path)
     (shard,) = (finished.folder / "results/dataset/shards").glob("*.h5")
-    written = partial_of(tmp_path / "results/dataset/shards", share * shard.stat().st_size)
+    written = partial_of(tmp_path / "results/dataset/shards", 0.3 * shard.stat().st_size)
     assert kill_when(run.start(), written)
     run()
     assert run.checksums() == finished.checksums()

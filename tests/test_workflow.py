@@ -195,7 +195,7 @@ def test_killed_and_repeated(finished, tmp_path):
     Only one run may work at a time, and a killed one does not block the next.
     """
     run, draw = Run(tmp_path, finished.root), random.Random(1)
-    for kill in range(3):
+    for kill in range(2):
         process = run.start()
         at_work = run.at_work(draw.randrange(5))
         if kill == 0:

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.linalg
 from scipy.interpolate import CubicHermiteSpline
 
+from vibraverse.physics.columns import lowest_pairs
 from vibraverse.physics.materials import lame
 from vibraverse.physics.modes import reduced_solve
 from vibraverse.physics.reduced import ModalBasis
@@ -64,9 +65,7 @@ class Resonances:
         (poisson,) = parameters
         lam, mu = lame(1.0, poisson)
         of_lambda, of_mu = self._stiffness
-        values, vectors = scipy.linalg.eigh(
-            lam * of_lambda + mu * of_mu, subset_by_index=(0, self.modes - 1), check_finite=False
-        )
+        values, vectors = lowest_pairs(lam * of_lambda + mu * of_mu, self.modes)
         grown = (1 + 2 * poisson**2) / ((1 + poisson) * (1 - 2 * poisson)) ** 2, -0.5 / (1 + poisson) ** 2
         slopes = sum(
             factor * np.vecdot(vectors, matrix @ vectors, axis=0)

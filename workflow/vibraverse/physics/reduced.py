@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg
 
+from vibraverse.physics.columns import lowest_pairs
 from vibraverse.physics.materials import lame
 
 #: Modes computed beyond those kept. Where branches of the spectrum cross, a mode above the last one kept at one ν is
@@ -85,7 +85,7 @@ def solve_reduced(
     """
     lam, mu = lame(1.0, poisson)
     wanted = min(modes + max(guard, 1), len(a_mu))
-    values, vectors = scipy.linalg.eigh(lam * a_lambda + mu * a_mu, subset_by_index=(0, wanted - 1))
+    values, vectors = lowest_pairs(lam * a_lambda + mu * a_mu, wanted)
     nearest = np.abs(np.log((1 - 2 * energy_poisson) / (1 - 2 * poisson))).argmin()
     residual = sketch[nearest] @ np.concatenate([lam * vectors, mu * vectors, -values * vectors])
     size = (residual**2).mean(axis=0)
@@ -116,7 +116,7 @@ def solve_corrected(
     side, link = coefficients.T @ columns[:rank], coefficients.T @ mass
     stiffness = np.block([[np.diag(values), side], [side.T, columns[rank:]]])
     weight = np.block([[np.eye(kept), link], [link.T, np.eye(len(link.T))]])
-    corrected, mixing = scipy.linalg.eigh(stiffness, weight, subset_by_index=(0, kept - 1))
+    corrected, mixing = lowest_pairs(stiffness, kept, weight)
     # A mode without its corrections has the Rayleigh quotient of its uncorrected part.
     weights = mixing[:kept] ** 2
     lowered = np.sqrt(values @ weights / weights.sum(axis=0) / corrected) - 1.0

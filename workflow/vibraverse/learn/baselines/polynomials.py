@@ -25,6 +25,7 @@ from numpy.polynomial.legendre import leggauss, legvander
 from vibraverse.geometry.moments import principal_box
 from vibraverse.geometry.surfaces import corners
 from vibraverse.learn.baselines.galerkin import Clock, Spectrum, hertz
+from vibraverse.physics.columns import lowest_pairs
 from vibraverse.physics.materials import lame
 
 #: Directions of the scalar functions whose weight is below this share of the largest are rounding errors.
@@ -56,7 +57,7 @@ class PolynomialSpace:
                 f"The polynomials have {len(self.k_mu)} elastic directions, too few for {count} modes; raise the degree"
             )
         lam, mu = lame(1.0, poisson)
-        return scipy.linalg.eigh(lam * self.k_lambda + mu * self.k_mu, subset_by_index=(0, count - 1))
+        return lowest_pairs(lam * self.k_lambda + mu * self.k_mu, count)
 
     def fields(self, points: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         """Return the displacements (3p, m) of coefficients (q, m) at points (p, 3), components interleaved."""

@@ -25,7 +25,7 @@ from vibraverse.contract.seeds import rng
 from vibraverse.geometry.moments import principal_box
 from vibraverse.learn.baselines.galerkin import Clock, Spectrum, hertz
 from vibraverse.learn.baselines.rods import Rods, cut_rods, groups
-from vibraverse.physics.columns import orthonormalising
+from vibraverse.physics.columns import lowest_pairs, orthonormalising
 from vibraverse.physics.iterations import RIGID
 from vibraverse.physics.materials import lame
 
@@ -228,12 +228,9 @@ def spline_modes(space: SplineSpace, poisson, count: int) -> np.ndarray:
     values = []
     for ratio in poisson:
         lam, mu = lame(1.0, ratio)
-        values.append(
-            scipy.linalg.eigh(
-                lam * k_lambda + mu * k_mu, eigvals_only=True, subset_by_index=(0, RIGID + count - 1)
-            )
-        )
-    return np.array(values)[:, RIGID:]
+        all_values = scipy.linalg.eigvalsh(lam * k_lambda + mu * k_mu, driver="evd")
+        values.append(all_values[RIGID : RIGID + count])
+    return np.array(values)
 
 
 def _krylov(space: SplineSpace, poisson: float) -> np.ndarray:
@@ -251,8 +248,7 @@ def _improved(space: SplineSpace, found: np.ndarray, poisson: float, count: int)
     """Return M-orthonormal vectors that, beside those found at another Poisson's ratio, hold the modes at this one."""
     lam, mu = lame(1.0, poisson)
     k_lambda, k_mu = space.projected(found)
-    lowest = (0, RIGID + count + _GUARD - 1)
-    turn = scipy.linalg.eigh(lam * k_lambda + mu * k_mu, subset_by_index=lowest)[1]
+    turn = lowest_pairs(lam * k_lambda + mu * k_mu, RIGID + count + _GUARD)[1]
     return _apart(space, found, _inverse(space, poisson)(found @ turn))
 
 
