@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import importlib.util
 import json
 import re
@@ -12,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from scripts import node
-from vibraverse.report import library, shell
+from vibraverse.report import assembly, library, shell
 
 ROOT = Path(__file__).resolve().parent.parent
 FRONT = ROOT / "workflow/vibraverse/report/front"
@@ -96,11 +97,12 @@ def test_the_lock_holds_hashes_and_no_address():
 
 
 def test_the_pages_own_code_is_small():
-    own = sum(
-        len(shell.text(f"page/{path.name}").encode())
-        for path in (Path(shell.__file__).parent / "page").iterdir()
-    )
-    assert own < 150_000
+    """Scripts without comments and indentation; and all that a server sends, compressed."""
+    texts = [shell.text(path) for path in (*assembly.SCRIPTS, *assembly.STYLES)]
+    lines = "".join(texts[: len(assembly.SCRIPTS)]).splitlines()
+    code = [line.strip() for line in lines if line.strip() and not line.strip().startswith("//")]
+    assert len("\n".join(code).encode()) < 150_000
+    assert len(gzip.compress("".join(texts).encode())) < 60_000
 
 
 def test_without_a_bundle_there_is_none(tmp_path):

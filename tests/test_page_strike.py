@@ -20,7 +20,7 @@ _SHELL = """<!doctype html><html lang="en" data-theme="light"><meta charset="utf
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <link rel="icon" href="data:,"><link rel="stylesheet" href="page/style.css">
 <link rel="stylesheet" href="page/object.css">
-<main id="view"></main>{scripts}<script>route.start();</script></html>"""
+<main id="view"></main><p id="said" role="status"></p>{scripts}<script>route.start();</script></html>"""
 REFUSED = {
     "stage": "clean",
     "reason": "not_a_solid",

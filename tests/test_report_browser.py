@@ -192,12 +192,12 @@ def test_objects_sound_on_hover_after_a_switch(browser, page):
     """From the object's own file: its first mode at 440 Hz is the strongest line of what is played."""
     folder = page.parent / "data/objects"
     folder.mkdir(parents=True, exist_ok=True)
-    body = {
-        "modes": {name: {"hz": [440.0, 1500.0], "error": [0, 0], "mass_kg": 1} for name in make_page.NAMES}
-    }
+    modes = {name: {"hz": [440.0, 1500.0], "error": [0, 0], "mass_kg": 1} for name in make_page.NAMES}
+    material = {"density": 2500, "young": 7e10, "poisson": 0.2, "alpha": 6.0, "beta": 1e-7}
     data = {
-        "bodies": {"solid": body},
-        "materials": {name: {"alpha": 6.0, "beta": 1e-7} for name in make_page.NAMES},
+        "bodies": {"solid": {"modes": modes, "strikes": {name: [] for name in modes}, "volume_m3": 1e-3}},
+        "materials": dict.fromkeys(make_page.NAMES, material),
+        "size_m": 0.2, "scale_m": 0.1,
         "audio": {"sample_rate_hz": 44_100, "decay_db": 60, "max_s": 1, "contact_s": 0, "observable": "displacement"},
     }  # fmt: skip
     at(browser, "#/explore?state=made", page)

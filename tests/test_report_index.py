@@ -257,20 +257,20 @@ def test_numbers_take_few_characters():
     assert isinstance(short(2.0), int)
 
 
-@pytest.mark.parametrize("name", ["length", "volume", "frequency", "duration", "fileSize"])
+@pytest.mark.parametrize("name", ["length", "volume", "mass", "frequency", "duration", "fileSize"])
 def test_the_page_writes_quantities_as_python_does(name):
     values = [*np.logspace(-6, 4, 61).tolist(), 9.995, 999.6, 1e4, 123_456.0]
     values = [value for value in values if name != "fileSize" or value >= 1]
     python = {"fileSize": "file_size"}.get(name, name)
     expected = [getattr(quantities, python)(value) for value in values]
-    assert run_script(f"return given.map(words.{name});", values, "words.js") == expected
+    assert run_script(f"return given.map((one) => words.{name}(one));", values, "words.js") == expected
 
 
 def test_bins_of_a_plot_count_every_value_once():
     random = np.random.default_rng(4)
     for span in (0.1, 1.0, 8.0):
         values = np.exp(random.uniform(-span, span, 500)).tolist()
-        scripts = ("words.js", "plots.js")
+        scripts = ("words.js", "elements.js", "plots.js")
         body = "return [plots.edges(given), plots.counted(given, plots.edges(given))];"
         edges, counts = run_script(body, values, *scripts)
         assert len(counts) <= 22
@@ -279,5 +279,5 @@ def test_bins_of_a_plot_count_every_value_once():
 
 
 def test_a_single_value_has_a_bin():
-    edges = run_script("return plots.edges(given);", [840.0, 840.0], "words.js", "plots.js")
+    edges = run_script("return plots.edges(given);", [840.0, 840.0], "words.js", "elements.js", "plots.js")
     assert edges[0] <= 840.0 < edges[-1]

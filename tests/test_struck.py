@@ -23,7 +23,8 @@ from vibraverse.physics.modes import solve_material
 from vibraverse.report.packing import unpacked
 
 SCRIPTS = (
-    "texts.js",
+    "words.js",
+    "elements.js",
     "unpack.js",
     "synth.js",
     "points.js",

@@ -17,9 +17,7 @@ STYLES = ("style.css", "page/shell.css", "page/explorer.css", "page/object.css")
 SCRIPTS = (
     "shared.js",
     *(f"page/{name}" for name in library.SCRIPTS),
-    "page/words.js",
     "page/catalogue.js",
-    "page/elements.js",
     "page/plots.js",
     "page/grid.js",
     "page/explore.js",

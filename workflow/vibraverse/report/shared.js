@@ -1,10 +1,9 @@
-/* What all pages share: the theme, and players that show where they are. */
+/* What all pages share: finding elements, and the theme. */
 "use strict";
 const shared = (() => {
   const root = document.documentElement;
   const all = (selector, within = document) => [...within.querySelectorAll(selector)];
   const one = (selector, within = document) => within.querySelector(selector);
-  const clamp = (value, low, high) => Math.min(high, Math.max(low, value));
 
   /* Theme: the system's until somebody chooses. Browsers may forbid storage for pages opened from disk. */
   const remember = (value) => {
@@ -31,72 +30,5 @@ const shared = (() => {
     paint(remember() || system());
   }
 
-  /* Players: one sounds at a time; its cursor runs over the spectrogram. */
-  let current = null;
-  function player(element, onplay = () => {}) {
-    const audio = one("audio", element);
-    const track = one(".track", element);
-    const button = one(".play", element);
-    const label = button.getAttribute("aria-label");
-    const duration = Number(element.dataset.duration);
-    const show = (time) => {
-      element.style.setProperty("--at", `${(100 * time) / duration}%`);
-      track.setAttribute("aria-valuenow", time.toFixed(2));
-      track.setAttribute("aria-valuetext", `${time.toFixed(2)} s`);
-    };
-    const follow = () => {
-      show(audio.currentTime);
-      if (!audio.paused) requestAnimationFrame(follow);
-    };
-    const seek = (time) => {
-      element.classList.add("started");
-      audio.currentTime = clamp(time, 0, duration);
-      show(audio.currentTime);
-    };
-    const play = () => {
-      if (current && current !== audio) current.pause();
-      current = audio;
-      onplay();
-      return audio.play().catch(() => {});
-    };
-    const toggle = () => (audio.paused ? play() : audio.pause());
-    audio.addEventListener("play", () => {
-      element.classList.add("playing", "started");
-      button.setAttribute("aria-label", label.replace("Play", "Pause"));
-      follow();
-    });
-    audio.addEventListener("pause", () => {
-      element.classList.remove("playing");
-      button.setAttribute("aria-label", label);
-    });
-    audio.addEventListener("ended", () => {
-      element.classList.remove("started");
-      show(0);
-    });
-    button.addEventListener("click", toggle);
-    track.addEventListener("pointerdown", (event) => {
-      if (event.button !== 0) return;
-      const box = track.getBoundingClientRect();
-      seek((duration * (event.clientX - box.left)) / box.width);
-      if (audio.paused) play();
-    });
-    const keys = {
-      ArrowLeft: () => seek(audio.currentTime - duration / 20),
-      ArrowRight: () => seek(audio.currentTime + duration / 20),
-      Home: () => seek(0),
-      End: () => seek(duration),
-      " ": toggle,
-      Enter: toggle,
-    };
-    track.addEventListener("keydown", (event) => {
-      if (!keys[event.key]) return;
-      event.preventDefault();
-      keys[event.key]();
-    });
-  }
-  const pauseHidden = () => {
-    if (current && current.closest("[hidden]")) current.pause();
-  };
-
-  return { all, one, clamp, themes, player, pauseHidden };
+  return { all, one, themes };
 })();

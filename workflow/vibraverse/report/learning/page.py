@@ -51,6 +51,7 @@ class Learning:
             "learning.html",
             title="Learning",
             own_style=Markup(shell.text("learning.css")),
+            players=Markup(shell.text("players.js")),
             data=self.data,
             objects=len(set(self.samples.object)),
             bodies=len(self.samples),

@@ -3,19 +3,17 @@
 
 const about = (() => {
   const LARGE_ERROR = 0.02; // as in physics/cautions.py
-  const { element } = texts;
+  const { make } = elements;
 
   function head(id, data) {
     const { facts } = data;
     const parts = [facts.family, facts.source !== facts.title && facts.source, facts.licence, facts.attribution];
-    return element(
+    return make(
       "header",
-      {},
-      element("h1", { dir: "auto" }, facts.title || id),
-      element(
-        "p",
-        { class: "about" },
-        parts.filter(Boolean).map((one) => element("span", { dir: "auto" }, one)),
+      make("h1", { dir: "auto" }, facts.title || id),
+      make(
+        "p.about",
+        parts.filter(Boolean).map((one) => make("span", { dir: "auto" }, one)),
       ),
     );
   }
@@ -37,8 +35,7 @@ const about = (() => {
     );
   }
 
-  const notice = (title, text, ...more) =>
-    element("div", { class: "notice" }, element("p", {}, element("strong", {}, title), ` ${text}`), more);
+  const notice = (title, text, ...more) => make("div.notice", make("p", make("strong", title), ` ${text}`), more);
 
   // Facts of a body in a material, from its modes as in struck.js.
   function facts(data, choices, found) {
@@ -46,24 +43,23 @@ const about = (() => {
     const volume = body.volume_m3 * (choices.size / data.size_m) ** 3;
     const worst = Math.max(...found.error);
     const rows = [
-      ["Longest side", texts.length(choices.size)],
-      ["Volume", texts.volume(volume)],
-      ["Mass", texts.mass(found.mass)],
-      ["First mode", texts.hertz(found.hz[0], found.error[0])],
-      ["It rings", struck.ring(found, 0) ? texts.seconds(struck.ring(found, 0), 2) : "not at all"],
+      ["Longest side", words.length(choices.size)],
+      ["Volume", words.volume(volume)],
+      ["Mass", words.mass(found.mass)],
+      ["First mode", words.hertz(found.hz[0], found.error[0])],
+      ["It rings", struck.ring(found, 0) ? words.duration(struck.ring(found, 0), 2) : "not at all"],
       ["Elements", body.tetrahedra.toLocaleString("en-US")],
       [
         "Error by the elements",
-        `${texts.percent(median(found.error))}, at most ${texts.percent(worst)}`,
+        `${words.percent(median(found.error))}, at most ${words.percent(worst)}`,
         worst > LARGE_ERROR,
       ],
     ];
-    if (body.wall) rows.splice(1, 0, ["Wall", `${texts.percent(body.wall)} of the way in`]);
-    return element(
-      "dl",
-      { class: "facts" },
+    if (body.wall) rows.splice(1, 0, ["Wall", `${words.percent(body.wall)} of the way in`]);
+    return make(
+      "dl.facts",
       rows.map(([name, value, large]) =>
-        element("div", {}, element("dt", {}, name), element("dd", { class: large ? "large" : "" }, value)),
+        make("div", make("dt", name), make("dd", { class: large ? "large" : "" }, value)),
       ),
     );
   }
@@ -73,14 +69,12 @@ const about = (() => {
   function warnings(body) {
     const said = body.warnings || [];
     if (!said.length) return null;
-    return element(
-      "details",
-      { class: "warnings" },
-      element("summary", {}, `${said.length} ${said.length > 1 ? "warnings" : "warning"}`),
-      element(
+    return make(
+      "details.warnings",
+      make("summary", `${said.length} ${said.length > 1 ? "warnings" : "warning"}`),
+      make(
         "ul",
-        {},
-        said.map(({ text }) => element("li", {}, text)),
+        said.map(({ text }) => make("li", text)),
       ),
     );
   }
@@ -90,15 +84,15 @@ const about = (() => {
     if (!modes.solid || !modes.hollow) return null;
     const rings = ["hollow", "solid"].map((one) => struck.ring(modes[one], 0));
     const parts = [
-      change("f₁", texts.hertz(modes.hollow.hz[0], modes.hollow.error[0]), modes.hollow.hz[0] / modes.solid.hz[0]),
-      change("mass", texts.mass(modes.hollow.mass), modes.hollow.mass / modes.solid.mass),
-      rings[0] && rings[1] ? change("rings", texts.seconds(rings[0], 2), rings[0] / rings[1]) : null,
+      change("f₁", words.hertz(modes.hollow.hz[0], modes.hollow.error[0]), modes.hollow.hz[0] / modes.solid.hz[0]),
+      change("mass", words.mass(modes.hollow.mass), modes.hollow.mass / modes.solid.mass),
+      rings[0] && rings[1] ? change("rings", words.duration(rings[0], 2), rings[0] / rings[1]) : null,
     ];
-    return element("p", { class: "comparison" }, element("strong", {}, "Hollow against solid"), parts);
+    return make("p.comparison", make("strong", "Hollow against solid"), parts);
   }
 
   const change = (name, value, ratio) =>
-    element("span", {}, `${name} ${value} `, element("small", {}, `×\u202f${texts.number(ratio, 3)}`));
+    make("span", `${name} ${value} `, make("small", `×\u202f${words.number(ratio, 3)}`));
 
   return { head, refusals, notice, facts, warnings, comparison };
 })();

@@ -3,7 +3,7 @@
 
 const controls = (() => {
   const STEPS = 1000; // of a slider
-  const { element } = texts;
+  const { make } = elements;
   //: key, sign, what it is, unit and its size, range of the slider, whether 0 is allowed, what it does to the sound
   const ROWS = [
     [
@@ -69,9 +69,8 @@ const controls = (() => {
   function create(onchange) {
     const rows = new Map(ROWS.map((row) => [row[0], made(row, onchange)]));
     return {
-      element: element(
-        "div",
-        { class: "numbers" },
+      element: make(
+        "div.numbers",
         [...rows.values()].map((row) => row.element),
       ),
       set(values, presets) {
@@ -85,14 +84,14 @@ const controls = (() => {
   function made([key, sign, name, unit, size, low, high, zero, about], onchange) {
     let preset = null;
     let stops = null;
-    const slider = element("input", { type: "range", min: 0, max: STEPS, "aria-label": name });
-    const number = element("input", {
+    const slider = make("input", { type: "range", min: 0, max: STEPS, "aria-label": name });
+    const number = make("input", {
       type: "number",
       step: "any",
       min: 0,
       "aria-label": unit ? `${name} in ${unit}` : name,
     });
-    const reset = element(
+    const reset = make(
       "button",
       {
         type: "button",
@@ -103,13 +102,13 @@ const controls = (() => {
       },
       "↺",
     );
-    const root = element(
-      "div",
-      { class: "number", title: about },
-      element("span", { class: "sign" }, sign),
-      element("span", { class: "name" }, name),
+    const root = make(
+      "div.number",
+      { title: about },
+      make("span.sign", sign),
+      make("span.name", name),
       slider,
-      element("span", { class: "amount" }, number, element("small", {}, unit)),
+      make("span.amount", number, make("small", unit)),
       reset,
     );
     const discrete = key === "poisson";

@@ -5,21 +5,23 @@ const elements = (() => {
   const SVG = "http://www.w3.org/2000/svg";
   const ACROSS = 10; // thumbnails across and down a sheet
 
-  // Attributes as given; `on` holds listeners, and a value of false or null leaves an attribute out.
-  function fill(element, attributes, children) {
-    for (const [name, value] of Object.entries(attributes || {})) {
-      if (name === "on")
-        for (const [event, listener] of Object.entries(value)) element.addEventListener(event, listener);
+  // An element, or a drawing, from "tag.class.class", attributes where there are any, and children. Functions among the
+  // attributes are listeners; a value of false or null leaves an attribute out, or a child.
+  function fill(create, kind, ...given) {
+    const [tag, ...classes] = kind.split(".");
+    const element = create(tag);
+    if (classes.length) element.setAttribute("class", classes.join(" "));
+    const attributes = given.length && Object.getPrototypeOf(given[0] ?? "") === Object.prototype ? given.shift() : {};
+    for (const [name, value] of Object.entries(attributes)) {
+      if (typeof value === "function") element.addEventListener(name, value);
       else if (value !== false && value !== null && value !== undefined)
         element.setAttribute(name, value === true ? "" : value);
     }
-    element.append(
-      ...children.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false),
-    );
+    element.append(...given.flat(Infinity).filter((child) => child !== null && child !== undefined && child !== false));
     return element;
   }
-  const make = (tag, attributes, ...children) => fill(document.createElement(tag), attributes, children);
-  const draw = (tag, attributes, ...children) => fill(document.createElementNS(SVG, tag), attributes, children);
+  const make = (...given) => fill((tag) => document.createElement(tag), ...given);
+  const draw = (...given) => fill((tag) => document.createElementNS(SVG, tag), ...given);
 
   // A text that somebody else wrote, such as a title: it keeps its direction to itself.
   const foreign = (text, attributes) => make("bdi", attributes, text);
@@ -27,12 +29,12 @@ const elements = (() => {
   // The title of an entry, and its id where that is another: siblings of a family share their title.
   function named(entry, attributes) {
     const title = foreign(entry.title, attributes);
-    return entry.title === entry.id ? [title] : [title, " ", make("code", { class: "id" }, entry.id)];
+    return entry.title === entry.id ? [title] : [title, " ", make("code.id", entry.id)];
   }
 
   // The thumbnail of an entry, cut out of its sheet; a plain tile where it has none.
   function thumbnail(entry) {
-    const tile = make("span", { class: "thumb", "aria-hidden": "true" });
+    const tile = make("span.thumb", { "aria-hidden": "true" });
     if (entry.thumb >= 0) {
       const place = entry.thumb % ACROSS ** 2;
       const part = (number) => `${(100 * number) / (ACROSS - 1)}%`;
@@ -68,7 +70,6 @@ const elements = (() => {
     const body = rows.map((cells) =>
       make(
         "tr",
-        {},
         cells.map((cell, place) =>
           place === 0
             ? make("th", { scope: "row" }, cell)
@@ -79,19 +80,35 @@ const elements = (() => {
     const made = make(
       "table",
       { class: headings.length > 3 ? null : "stacked" },
-      make("thead", {}, make("tr", {}, head)),
-      make("tbody", {}, body),
+      make("thead", make("tr", head)),
+      make("tbody", body),
     );
     rove(made, [...made.querySelectorAll("a")]);
     // Many columns may have to be scrolled, with the keyboard, too.
     return make(
-      "div",
+      "div.scrolled",
       {
-        class: "scrolled",
         ...(headings.length > 3 && { tabindex: "0", role: "group", "aria-label": headings.join(", ") }),
       },
       made,
     );
+  }
+
+  // Radio buttons side by side: [{value, text, kind}]; `onchange` gets the value.
+  function segments(label, name, options, onchange) {
+    const choices = options.map(({ value, text, kind }) =>
+      make(
+        "label",
+        { class: kind },
+        make("input", { type: "radio", name, value, change: () => onchange(value) }),
+        make("span", text),
+      ),
+    );
+    return make("fieldset.segments", make("legend.visually-hidden", label), choices);
+  }
+
+  function choose(fieldset, value) {
+    for (const input of fieldset.querySelectorAll("input")) input.checked = input.value === value;
   }
 
   // Says something to screen readers.
@@ -99,5 +116,7 @@ const elements = (() => {
     document.querySelector("#said").textContent = text;
   }
 
-  return { make, draw, foreign, named, thumbnail, link, table, rove, say };
+  return { make, draw, foreign, named, thumbnail, link, table, rove, segments, choose, say };
 })();
+
+if (typeof module !== "undefined") module.exports = elements;

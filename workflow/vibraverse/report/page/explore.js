@@ -60,13 +60,12 @@ const explore = (() => {
       const why = words.capital(shelf.data.reasons[whole.reason]);
       const said = `${why}, at ${whole.stage}. ${whole.message} ${whole.advice}`;
       return make(
-        "a",
-        { class: "item gone", href, title: said },
+        "a.item.gone",
+        { href, title: said },
         make(
-          "span",
-          { class: "text" },
-          make("span", { class: "title" }, name, make("small", {}, "refused")),
-          make("b", {}, why),
+          "span.text",
+          make("span.title", name, make("small", "refused")),
+          make("b", why),
           foreign(`${whole.message} ${whole.advice}`, { class: "why" }),
         ),
       );
@@ -78,16 +77,15 @@ const explore = (() => {
     ];
     const note = noted(entry, shelf);
     return make(
-      "a",
-      { class: "item", href, title: note.full || null },
+      "a.item",
+      { href, title: note.full || null },
       elements.thumbnail(entry),
       make(
-        "span",
-        { class: "text" },
+        "span.text",
         name,
-        make("span", { class: "pitch" }, frequencies(entry, seen)),
-        make("span", { class: "soft" }, facts.filter(Boolean).join(" · ")),
-        note.short && make("span", { class: "note" }, note.short),
+        make("span.pitch", frequencies(entry, seen)),
+        make("span.soft", facts.filter(Boolean).join(" · ")),
+        note.short && make("span.note", note.short),
       ),
     );
   }
@@ -95,17 +93,12 @@ const explore = (() => {
   // The sound of an object where it is struck everywhere alike, from its own file.
   async function heard(entry, seen, shelf) {
     const data = await vibraverse.loadObject(entry.id, entry.version);
-    const solidity = seen.solidity || Object.keys(data.bodies).find((name) => data.bodies[name]);
+    const body = seen.solidity || Object.keys(data.bodies)[0];
     const material = shelf.materials[seen.material];
-    const modes = data.bodies[solidity] && data.bodies[solidity].modes[material];
-    if (!modes) return null;
-    const { alpha, beta } = data.materials[material];
-    const omega = Float64Array.from(modes.hz, (hz) => 2 * Math.PI * hz);
-    const damping = omega.map((one) => 0.5 * (alpha + beta * one * one));
-    const { sample_rate_hz: rate, decay_db: decayDb, max_s: maxS, contact_s: contact, observable } = data.audio;
-    const { samples } = synth.render({ omega, damping }, { rate, decayDb, maxS, contact, observable });
-    const loudest = samples.reduce((most, one) => Math.max(most, Math.abs(one)), 0);
-    return loudest > 0 ? { samples, rate, gain_db: LEVEL_DB - 20 * Math.log10(loudest) } : null;
+    if (!data.bodies[body] || !data.materials[material]) return null;
+    const choices = { ...share.read(new URLSearchParams({ body, material }), data), place: null };
+    const { samples, rate, peak } = struck.sound(data, struck.modes(data, null, choices), choices);
+    return peak > 0 ? { samples, rate, gain_db: LEVEL_DB - 20 * Math.log10(peak) } : null;
   }
 
   // A switch after which objects sound while the pointer or the focus is on them.
@@ -125,13 +118,11 @@ const explore = (() => {
         class: "quiet",
         "aria-pressed": "false",
         title: "Every sound is made equally loud here",
-        on: {
-          click() {
-            on = !on;
-            button.setAttribute("aria-pressed", on);
-            if (on) sound.unlock();
-            else stop();
-          },
+        click() {
+          on = !on;
+          button.setAttribute("aria-pressed", on);
+          if (on) sound.unlock();
+          else stop();
         },
       },
       "Hear on hover",
@@ -156,8 +147,8 @@ const explore = (() => {
   }
 
   function facet(name, title, choose) {
-    const select = make("select", { name, on: { change: () => choose(name, select.value) } });
-    const label = make("label", { class: "facet" }, make("span", {}, title), select);
+    const select = make("select", { name, change: () => choose(name, select.value) });
+    const label = make("label.facet", make("span", title), select);
     // Offers values with their counts; hides the facet where there is nothing to choose.
     const offer = (values, chosen, any, say = (value) => value, more = 0) => {
       const options = values.map(([value, count]) =>
@@ -188,15 +179,10 @@ const explore = (() => {
         step: "any",
         placeholder: which,
         "aria-label": `${title} ${which}, in ${unit}`,
-        on: { change: send },
+        change: send,
       }),
     );
-    const root = make(
-      "fieldset",
-      { class: "range" },
-      make("legend", {}, title, " ", make("small", {}, unit)),
-      make("span", {}, ends),
-    );
+    const root = make("fieldset.range", make("legend", title, " ", make("small", unit)), make("span", ends));
     const set = (found) =>
       ends.forEach((input, place) => {
         input.value = found && Number.isFinite(found[place]) ? found[place] : "";
@@ -226,7 +212,7 @@ const explore = (() => {
             type: "button",
             class: "chip",
             "aria-label": `Remove the filter ${text}`,
-            on: { click: () => choose(name, "") },
+            click: () => choose(name, ""),
           },
           foreign(text),
           make("span", { "aria-hidden": "true" }, "×"),
@@ -289,19 +275,13 @@ const explore = (() => {
         placeholder: "Find an object",
         "aria-label": "Find an object by name, family or source",
         autocomplete: "off",
-        on: {
-          input() {
-            clearTimeout(typing);
-            typing = setTimeout(() => choose("q", find.value.trim()), QUICK_MS);
-          },
+        input() {
+          clearTimeout(typing);
+          typing = setTimeout(() => choose("q", find.value.trim()), QUICK_MS);
         },
       });
       const names = Object.entries(catalogue.SORTS).map(([value, { name }]) => make("option", { value }, name));
-      const sort = make(
-        "select",
-        { on: { change: () => choose("sort", sort.value === "name" ? "" : sort.value) } },
-        names,
-      );
+      const sort = make("select", { change: () => choose("sort", sort.value === "name" ? "" : sort.value) }, names);
       const facets = Object.fromEntries([
         ["material", facet("material", "Numbers in", choose)],
         ["solidity", facet("solidity", "Body", choose)],
@@ -314,51 +294,42 @@ const explore = (() => {
         facets,
         ranges,
         listen,
-        chips: make("div", { class: "chips" }),
-        count: make("p", { class: "count-line", role: "status" }),
+        chips: make("div.chips"),
+        count: make("p.count-line", { role: "status" }),
         none: make(
-          "p",
-          { class: "empty", hidden: true },
+          "p.empty",
+          { hidden: true },
           "No object fits. Take a filter away, or ",
-          make("button", { type: "button", class: "quiet", on: { click: again } }, "show all objects"),
+          make("button", { type: "button", class: "quiet", click: again }, "show all objects"),
         ),
-        reset: make("button", { type: "button", class: "plain", on: { click: again } }, "Clear filters"),
+        reset: make("button", { type: "button", class: "plain", click: again }, "Clear filters"),
         grid: grid.build("Objects", CELL, drawn),
       };
       const choices = make(
-        "details",
-        { class: "choices", open: matchMedia("(min-width: 861px)").matches },
-        make("summary", {}, "Filters"),
+        "details.choices",
+        { open: matchMedia("(min-width: 861px)").matches },
+        make("summary", "Filters"),
         Object.values(facets).map((one) => one.label),
         Object.values(ranges).map((one) => one.root),
       );
       root.append(
-        make("h1", { class: "visually-hidden", tabindex: "-1" }, "Explore the objects"),
+        make("h1.visually-hidden", { tabindex: "-1" }, "Explore the objects"),
         make(
-          "div",
-          { class: "explore" },
+          "div.explore",
           make(
-            "form",
+            "form.side",
             {
-              class: "side",
               role: "search",
               "aria-label": "Filters",
-              on: { submit: (event) => event.preventDefault() },
+              submit: (event) => event.preventDefault(),
             },
             find,
             choices,
           ),
           make(
-            "div",
-            { class: "found" },
-            make(
-              "div",
-              { class: "tools" },
-              parts.count,
-              listen.button,
-              make("label", { class: "sort" }, make("span", {}, "Sort by"), sort),
-            ),
-            make("div", { class: "chosen" }, parts.chips, parts.reset),
+            "div.found",
+            make("div.tools", parts.count, listen.button, make("label.sort", make("span", "Sort by"), sort)),
+            make("div.chosen", parts.chips, parts.reset),
             parts.none,
             parts.grid.root,
           ),

@@ -12,8 +12,8 @@ const grid = (() => {
       { id: "grid-hint", class: "visually-hidden" },
       "Arrow keys move from object to object.",
     );
-    const list = elements.make("ul", { class: "grid", "aria-label": label, "aria-describedby": "grid-hint" });
-    const root = elements.make("div", {}, hint, list);
+    const list = elements.make("ul.grid", { "aria-label": label, "aria-describedby": "grid-hint" });
+    const root = elements.make("div", hint, list);
     const shown = new Map(); // list items by number
     let items = [];
     let columns = 1;

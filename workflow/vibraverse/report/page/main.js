@@ -30,7 +30,7 @@
 
   function failed(error) {
     main.replaceChildren(
-      elements.make("p", { class: "alone", role: "alert" }, `The list of objects cannot be shown. ${error.message}.`),
+      elements.make("p.alone", { role: "alert" }, `The list of objects cannot be shown. ${error.message}.`),
     );
   }
 

@@ -2,7 +2,7 @@
 "use strict";
 
 const objectView = (() => {
-  const { element } = texts;
+  const { make } = elements;
   const [START_DB, MOST_DB, FAINT_DB] = [-6, -1, -45]; // of full scale: the first strike, any, one that is hard to hear
   const RESTRIKE_MS = 140; // after the last movement of a slider
   const NO_MODEL =
@@ -17,7 +17,7 @@ const objectView = (() => {
         root.replaceChildren(about.notice("No object is named.", "The address of one is #/object/ and its id."));
         return;
       }
-      root.replaceChildren(element("p", { class: "loading" }, "Loading …"));
+      root.replaceChildren(make("p.loading", "Loading …"));
       vibraverse.loadObject(id).then(
         (data) => view === own && build(data, asked.settings),
         (error) => view === own && root.replaceChildren(about.notice("This object cannot be shown.", error.message)),
@@ -41,20 +41,19 @@ const objectView = (() => {
   function build(data, settings) {
     view.data = data;
     document.title = `${data.facts.title} · VibraVerse`;
-    const article = element("article", { class: "object" }, about.head(view.id, data));
+    const article = make("article.object", about.head(view.id, data));
     view.root.replaceChildren(article);
     if (!Object.keys(data.bodies).length) {
       article.append(...about.refusals(data), still.create(data, ""));
       return;
     }
-    view.status = element("p", { class: "visually-hidden", role: "status" });
-    view.said = element("p", { class: "said" }, "Click the body to strike it.");
-    view.notices = element("div", { class: "notices" });
-    view.compare = element("div", {});
-    view.facts = element("div", {});
-    view.host = element("div", { class: "stage" }, element("i", { class: "crosshair", "aria-hidden": "true" }));
+    view.said = make("p.said", "Click the body to strike it.");
+    view.notices = make("div.notices");
+    view.compare = make("div");
+    view.facts = make("div");
+    view.host = make("div.stage", make("i.crosshair", { "aria-hidden": "true" }));
     view.places = places.create(strike);
-    view.copied = element("div", {});
+    view.copied = make("div");
     view.spectrum = spectrum.create((mode) => update({ mode }));
     view.spectrogram = spectrogram.create(struck.longest(data), data.audio.max_s);
     view.controls = controls.create((key, value) => {
@@ -63,59 +62,35 @@ const objectView = (() => {
     });
     article.append(
       ...about.refusals(data),
-      element(
-        "div",
-        { class: "upper" },
-        element("div", { class: "striking" }, view.host, bodySwitch(data), view.places.element, view.said),
-        element(
-          "div",
-          { class: "panel" },
-          materialSwitch(data),
-          view.controls.element,
-          observableSwitch(),
-          view.facts,
-          view.compare,
-        ),
+      make(
+        "div.upper",
+        make("div.striking", view.host, bodySwitch(data), view.places.element, view.said),
+        make("div.panel", materialSwitch(data), view.controls.element, observableSwitch(), view.facts, view.compare),
       ),
       view.notices,
-      element("div", { class: "plots" }, view.spectrum.element, view.spectrogram.element),
-      element(
-        "div",
-        {},
-        tools.create(takeAway, (text) => (view.status.textContent = text), view.copied),
-        view.copied,
-      ),
-      element(
-        "p",
-        { class: "keys" },
+      make("div.plots", view.spectrum.element, view.spectrogram.element),
+      make("div", tools.create(takeAway, view.copied), view.copied),
+      make(
+        "p.keys",
         "Space strikes again, H swaps solid and hollow. On the model arrows turn, + and − zoom, Enter strikes at the crosshair.",
       ),
-      view.status,
     );
     document.addEventListener("keydown", pressed, { signal: view.ended.signal });
     take(share.read(settings, data));
   }
 
   function bodySwitch(data) {
-    const options = ["solid", "hollow"].map((one) => ({
-      value: one,
-      text: one[0].toUpperCase() + one.slice(1),
-      kind: one,
-    }));
-    view.bodySwitch = texts.segments(
-      "Body",
-      "body",
-      options.filter(({ value }) => data.bodies[value]),
-      "",
-      (solidity) => update({ solidity }),
-    );
-    const again = element("button", { type: "button", class: "again", click: () => strike({}) }, "Strike");
-    return element("div", { class: "row" }, view.bodySwitch, again);
+    const options = ["solid", "hollow"]
+      .filter((one) => data.bodies[one])
+      .map((one) => ({ value: one, text: words.capital(one), kind: one }));
+    view.bodySwitch = elements.segments("Body", "body", options, (solidity) => update({ solidity }));
+    const again = make("button", { type: "button", class: "again", click: () => strike({}) }, "Strike");
+    return make("div.row", view.bodySwitch, again);
   }
 
   function materialSwitch(data) {
     const options = Object.keys(data.materials).map((name) => ({ value: name, text: name }));
-    view.materialSwitch = texts.segments("Material", "material", options, "", (name) =>
+    view.materialSwitch = elements.segments("Material", "material", options, (name) =>
       update({ name, material: { ...data.materials[name] } }),
     );
     return view.materialSwitch;
@@ -123,10 +98,10 @@ const objectView = (() => {
 
   function observableSwitch() {
     const options = share.OBSERVABLES.map((one) => ({ value: one, text: one }));
-    view.observableSwitch = texts.segments("Heard of the motion", "observable", options, "", (observable) =>
+    view.observableSwitch = elements.segments("Heard of the motion", "observable", options, (observable) =>
       update({ observable }),
     );
-    return element("div", { class: "heard" }, element("span", {}, "Heard: the surface’s"), view.observableSwitch);
+    return make("div.heard", make("span", "Heard: the surface’s"), view.observableSwitch);
   }
 
   // Takes choices from an address: finds the body and the place, then shows them without a sound.
@@ -206,9 +181,9 @@ const objectView = (() => {
     view.found = struck.modes(data, body, body ? choices : { ...choices, material: own, place: null });
     view.heard = null;
     view.levels = struck.levels(data, view.found, choices);
-    texts.choose(view.bodySwitch, choices.solidity);
-    texts.choose(view.materialSwitch, choices.name);
-    texts.choose(view.observableSwitch, choices.observable);
+    elements.choose(view.bodySwitch, choices.solidity);
+    elements.choose(view.materialSwitch, choices.name);
+    elements.choose(view.observableSwitch, choices.observable);
     view.controls.set(
       { ...choices.material, size: choices.size, contact: choices.contact },
       { ...data.materials[choices.name], size: data.size_m, contact: data.audio.contact_s },
@@ -271,13 +246,13 @@ const objectView = (() => {
     const rings = found.hz.some((hz) => hz / choices.slower < audible && hz / choices.slower >= struck.AUDIBLE_HZ);
     const said = [];
     const speed = (slower, text) =>
-      element("button", { type: "button", class: "quiet", click: () => update({ slower }) }, text);
+      make("button", { type: "button", class: "quiet", click: () => update({ slower }) }, text);
     if (choices.slower !== 1)
       said.push(about.notice("Ten times slower:", "every frequency is a tenth of the real one.", speed(1, "As it is")));
     if (!rings) {
       const why =
         found.hz[0] >= audible
-          ? `its lowest mode, ${texts.hertz(found.hz[0], found.error[0])}, is too high`
+          ? `its lowest mode, ${words.hertz(found.hz[0], found.error[0])}, is too high`
           : "its modes are too low";
       said.push(
         about.notice(
@@ -310,19 +285,19 @@ const objectView = (() => {
           : "everywhere alike";
     const what =
       choices.mode === null
-        ? `${made.rendered} modes, lowest ${texts.hertz(found.hz[0], found.error[0])}`
-        : `mode ${choices.mode + 1} alone, ${texts.hertz(found.hz[choices.mode], found.error[choices.mode])}`;
-    view.status.textContent = `Struck ${choices.solidity} ${choices.name} ${where}: ${what}, level ${texts.decibels(level)}.`;
+        ? `${made.rendered} modes, lowest ${words.hertz(found.hz[0], found.error[0])}`
+        : `mode ${choices.mode + 1} alone, ${words.hertz(found.hz[choices.mode], found.error[choices.mode])}`;
+    elements.say(`Struck ${choices.solidity} ${choices.name} ${where}: ${what}, level ${words.decibels(level)}.`);
     const louder =
       level < FAINT_DB && made.peak > 0
-        ? element(
+        ? make(
             "button",
             { type: "button", class: "quiet", click: () => ((view.gain_db = null), sounded()) },
             "Make it louder",
           )
         : null;
     view.said.replaceChildren(
-      `Struck ${where} · ${what} · level ${texts.decibels(level).replace("+", "")} at a gain of ${texts.decibels(gain)}${view.changed || ""} `,
+      `Struck ${where} · ${what} · level ${words.decibels(level).replace("+", "")} at a gain of ${words.decibels(gain)}${view.changed || ""} `,
       louder || "",
     );
     view.spectrogram.show(made.samples, made.rate);
@@ -347,7 +322,7 @@ const objectView = (() => {
     }
     if (view.gain_db === undefined || view.gain_db === null) view.gain_db = loud + START_DB;
     if (view.gain_db > loud + MOST_DB) {
-      view.changed = `, ${texts.decibels(loud + START_DB - view.gain_db)} from now on so that nothing clips`;
+      view.changed = `, ${words.decibels(loud + START_DB - view.gain_db)} from now on so that nothing clips`;
       view.gain_db = loud + START_DB;
     }
     return view.gain_db;

@@ -20,22 +20,20 @@ const overview = (() => {
       ? publication.description
       : "Every body rings by its own vibration modes, computed from its shape and a material. Pick one and strike it.";
     return make(
-      "section",
-      { class: "opening" },
+      "section.opening",
       make(
         "h1",
         { tabindex: "-1" },
         kind === "dataset" ? foreign(publication.name || title) : words.plural(counts.objects, "shape"),
-        kind === "run" && make("span", { class: "second" }, "to strike and to hear."),
+        kind === "run" && make("span.second", "to strike and to hear."),
       ),
-      make("p", { class: "intro" }, text),
+      make("p.intro", text),
       make(
-        "ul",
-        { class: "picked", "aria-label": "Some of the objects" },
+        "ul.picked",
+        { "aria-label": "Some of the objects" },
         picked.map((entry) =>
           make(
             "li",
-            {},
             make(
               "a",
               { href: elements.link("object", entry.id) },
@@ -47,12 +45,7 @@ const overview = (() => {
       ),
       make(
         "p",
-        {},
-        make(
-          "a",
-          { class: "button", href: elements.link("explore") },
-          `Explore all ${words.count(shelf.entries.length)}`,
-        ),
+        make("a.button", { href: elements.link("explore") }, `Explore all ${words.count(shelf.entries.length)}`),
       ),
     );
   }
@@ -64,19 +57,16 @@ const overview = (() => {
     const tile = (count, name, state) =>
       make(
         "div",
-        {},
-        make("dt", {}, name),
+        make("dt", name),
         make(
           "dd",
-          {},
           state && count
             ? make("a", { href: elements.link("explore", "", { state }) }, words.count(count))
             : words.count(count),
         ),
       );
     return make(
-      "dl",
-      { class: "tiles" },
+      "dl.tiles",
       tile(counts.objects, counts.objects === 1 ? "object" : "objects"),
       tile(counts.bodies, counts.bodies === 1 ? "body" : "bodies"),
       tile(materials.length, materials.length === 1 ? "material" : "materials"),
@@ -91,13 +81,11 @@ const overview = (() => {
       Object.entries(entry.bodies).map(([solidity, body]) => ({ entry, solidity, body })),
     );
     const known = rows.filter((one) => one.body.error > 0).sort((a, b) => b.body.error - a.body.error);
-    if (!known.length)
-      return make("p", { class: "soft" }, "No errors are stated yet: the data of the page are not made.");
+    if (!known.length) return make("p.soft", "No errors are stated yet: the data of the page are not made.");
     const middle = known[Math.floor(known.length / 2)].body.error;
     return [
       make(
-        "p",
-        { class: "soft" },
+        "p.soft",
         `The estimated error of a body's worst frequency: ${words.percent(middle)} in the median body. The largest:`,
       ),
       plots.bars({
@@ -108,7 +96,7 @@ const overview = (() => {
           href: elements.link("object", entry.id, { solidity }),
         })),
       }),
-      make("p", {}, make("a", { href: elements.link("explore", "", { sort: "error" }) }, "All by error")),
+      make("p", make("a", { href: elements.link("explore", "", { sort: "error" }) }, "All by error")),
     ];
   }
 
@@ -138,34 +126,30 @@ const overview = (() => {
         said: words.count(one.count),
         href: elements.link("explore", "", { state: `warning: ${one.kind}` }),
       }));
-    const panel = (title, ...content) => make("div", { class: "panel" }, make("h3", {}, title), content);
+    const panel = (title, ...content) => make("div.panel", make("h3", title), content);
     const single = words.plural(counts.refused_bodies, "single body", "single bodies");
     const gone = `${words.plural(counts.refused_objects, "object")} and ${single}`;
     return make(
       "section",
-      {},
-      make("h2", {}, "What happened"),
+      make("h2", "What happened"),
       make(
-        "div",
-        { class: "panels" },
+        "div.panels",
         panel(
           "Refused",
           make(
-            "p",
-            { class: "soft" },
+            "p.soft",
             refusals.length ? `${gone} could not be processed. Objects by reason:` : "Nothing was refused.",
           ),
           plots.bars({ rows: refusals }),
           refusals.length > 0 &&
-            make("p", {}, make("a", { href: elements.link("run", "", { part: "refusals" }) }, "What to do about it")),
+            make("p", make("a", { href: elements.link("run", "", { part: "refusals" }) }, "What to do about it")),
         ),
         panel(
           "Accuracy",
           worst(shelf),
           validation &&
             make(
-              "p",
-              { class: "soft" },
+              "p.soft",
               validation.missed.length
                 ? `Validation: ${words.plural(validation.missed.length, "tolerance")} missed. `
                 : "Validation: every known frequency is within its tolerance. ",
@@ -175,22 +159,21 @@ const overview = (() => {
         panel(
           "Warnings",
           make(
-            "p",
-            { class: "soft" },
+            "p.soft",
             warnings.length
               ? "Numbers to read with care; nothing was refused for them. They stand with their bodies, too."
               : "No body carries a warning.",
           ),
           plots.bars({ rows: warnings }),
           warnings.length > 0 &&
-            make("p", {}, make("a", { href: elements.link("run", "", { part: "warnings" }) }, "What they say")),
+            make("p", make("a", { href: elements.link("run", "", { part: "warnings" }) }, "What they say")),
         ),
       ),
     );
   }
 
   // A sentence whose words in backticks are code.
-  const coded = (text) => text.split("`").map((part, place) => (place % 2 ? make("code", {}, part) : part));
+  const coded = (text) => text.split("`").map((part, place) => (place % 2 ? make("code", part) : part));
 
   function copied(text, wrapped) {
     const button = make(
@@ -198,21 +181,19 @@ const overview = (() => {
       {
         type: "button",
         class: "quiet",
-        on: {
-          async click() {
-            try {
-              await navigator.clipboard.writeText(text);
-              elements.say("Copied");
-              button.textContent = "Copied";
-            } catch {
-              getSelection().selectAllChildren(code); // where a page may not write to the clipboard
-            }
-          },
+        async click() {
+          try {
+            await navigator.clipboard.writeText(text);
+            elements.say("Copied");
+            button.textContent = "Copied";
+          } catch {
+            getSelection().selectAllChildren(code); // where a page may not write to the clipboard
+          }
         },
       },
       "Copy",
     );
-    const code = make("code", {}, text);
+    const code = make("code", text);
     return make(
       "div",
       { class: wrapped ? "snippet wrapped" : "snippet" },
@@ -224,22 +205,18 @@ const overview = (() => {
   function publication(shelf) {
     const said = shelf.data.publication;
     if (!said) return null;
-    const fact = (name, ...value) => make("div", {}, make("dt", {}, name), make("dd", {}, value));
+    const fact = (name, ...value) => make("div", make("dt", name), make("dd", value));
     const web = /^https?:\/\//.test(said.url);
     return make(
       "section",
-      {},
-      make("h2", {}, "Use it"),
+      make("h2", "Use it"),
       make(
-        "div",
-        { class: "panels two" },
+        "div.panels.two",
         make(
-          "div",
-          { class: "panel" },
-          make("h3", {}, "Licence and citation"),
+          "div.panel",
+          make("h3", "Licence and citation"),
           make(
-            "dl",
-            { class: "facts" },
+            "dl.facts",
             fact(
               said.licences.length === 1 ? "Licence" : "Licences of the sources",
               said.licences.map((one) => one || "not stated").join(", ") || "not stated",
@@ -249,15 +226,13 @@ const overview = (() => {
           ),
           copied(said.citation, true),
         ),
-        make("div", { class: "panel" }, make("h3", {}, "Load it in Python"), copied(said.loader, false)),
+        make("div.panel", make("h3", "Load it in Python"), copied(said.loader, false)),
         make(
-          "div",
-          { class: "panel wide" },
-          make("h3", {}, "Known limits"),
+          "div.panel.wide",
+          make("h3", "Known limits"),
           make(
             "ul",
-            {},
-            said.limits.map((one) => make("li", {}, coded(one))),
+            said.limits.map((one) => make("li", coded(one))),
           ),
         ),
       ),
@@ -322,17 +297,15 @@ const overview = (() => {
     const redraw = (settings) => drawn.replaceChildren(...numbers(shelf, settings).filter(Boolean));
     return {
       show(root, { settings }) {
-        drawn = make("div", { class: "plots" });
+        drawn = make("div.plots");
         const { kind, counts, empty_splits: empty } = shelf.data;
         const pick = make(
           "select",
           {
-            on: {
-              change() {
-                settings.set("material", pick.value);
-                route.settle(settings);
-                redraw(settings);
-              },
+            change() {
+              settings.set("material", pick.value);
+              route.settle(settings);
+              redraw(settings);
             },
           },
           shelf.materials.map((name) => make("option", { selected: name === settings.get("material") }, name)),
@@ -341,11 +314,10 @@ const overview = (() => {
           ...[
             head(shelf),
             tiles(shelf),
-            empty && make("p", { class: "notice" }, make("strong", {}, "Empty split "), empty),
+            empty && make("p.notice", make("strong", "Empty split "), empty),
             counts.sampled_sounds > 0 &&
               make(
-                "p",
-                { class: "soft" },
+                "p.soft",
                 `${words.plural(counts.sampled_sounds, "sound is", "sounds are")} of sampled materials: not shown here.`,
               ),
             publication(shelf),
@@ -353,17 +325,14 @@ const overview = (() => {
             counts.objects > 0 &&
               make(
                 "section",
-                {},
                 make(
-                  "div",
-                  { class: "heading" },
-                  make("h2", {}, "In numbers"),
+                  "div.heading",
+                  make("h2", "In numbers"),
                   make(
-                    "p",
-                    { class: "key" },
+                    "p.key",
                     shelf.solidities.map((name) => make("span", { class: name }, name)),
                   ),
-                  shelf.materials.length > 1 && make("label", { class: "sort" }, make("span", {}, "in"), pick),
+                  shelf.materials.length > 1 && make("label.sort", make("span", "in"), pick),
                 ),
                 drawn,
               ),

@@ -3,7 +3,7 @@
 
 const places = (() => {
   const SAME = 1e-4; // in mesh units
-  const { element } = texts;
+  const { make } = elements;
 
   const isAt = (place, at) => place.position.every((one, axis) => Math.abs(one - at[axis]) < SAME);
 
@@ -16,12 +16,12 @@ const places = (() => {
   // What to call a place: its name, or its coordinates in mesh units.
   function nameOf(body, at) {
     const near = named(body).find((place) => isAt(place, at));
-    return near ? near.name : at.map((one) => texts.number(one, 2)).join(", ");
+    return near ? near.name : at.map((one) => words.number(one, 2)).join(", ");
   }
 
   // Returns {element, show(body, stored, choices)}; `strike` gets {everywhere}, {stored} or {place}.
   function create(strike) {
-    const root = element("div", { class: "places", role: "toolbar", "aria-label": "Strike at" });
+    const root = make("div.places", { role: "toolbar", "aria-label": "Strike at" });
 
     function show(body, stored, choices) {
       const options = [{ text: "everywhere", on: !choices.at, to: { everywhere: true } }];
@@ -39,7 +39,7 @@ const places = (() => {
       const buttons = options.map(({ text, on, to }, number) => {
         const tabindex = number === current ? 0 : -1;
         const listeners = { click: () => strike(to), keydown: rove };
-        return element("button", { type: "button", "aria-pressed": String(on), tabindex, ...listeners }, text);
+        return make("button", { type: "button", "aria-pressed": String(on), tabindex, ...listeners }, text);
       });
       root.replaceChildren(...buttons);
       if (focused) buttons[current].focus();

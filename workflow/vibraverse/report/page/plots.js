@@ -2,8 +2,7 @@
 "use strict";
 
 const plots = (() => {
-  const make = (...given) => elements.make(...given);
-  const draw = (...given) => elements.draw(...given);
+  const { draw, make } = elements;
   const WIDTH = 360;
   const MOST_BINS = 22;
   const LETTER = 7; // width of a letter at a tick
@@ -61,8 +60,8 @@ const plots = (() => {
     });
     return marks.map((one) =>
       draw(
-        "g",
-        { class: "tick", transform: `translate(${across(one, ends, left, width)} ${y})` },
+        "g.tick",
+        { transform: `translate(${across(one, ends, left, width)} ${y})` },
         draw("line", { y2: 4 }),
         draw("text", { y: 16 }, say(one)),
       ),
@@ -87,12 +86,12 @@ const plots = (() => {
         y -= high;
         return draw("rect", { class: name, x, y, width: wide, height: Math.max(0.5, high) });
       });
-      const reach = draw("rect", { class: "reach", x, y: box.bottom - box.height, width: wide, height: box.height });
+      const reach = draw("rect.reach", { x, y: box.bottom - box.height, width: wide, height: box.height });
       return [
         draw(
-          "a",
-          { class: "bar", href: href(ends[bin], ends[bin + 1]), "aria-label": label },
-          draw("title", {}, label),
+          "a.bar",
+          { href: href(ends[bin], ends[bin + 1]), "aria-label": label },
+          draw("title", label),
           reach,
           parts,
         ),
@@ -104,7 +103,7 @@ const plots = (() => {
     return make(
       "figure",
       { class: wide ? "plot wide" : "plot" },
-      make("figcaption", {}, make("strong", {}, title), note && make("small", {}, note)),
+      make("figcaption", make("strong", title), note && make("small", note)),
       content,
     );
   }
@@ -119,10 +118,9 @@ const plots = (() => {
     const svg = draw(
       "svg",
       { viewBox: `0 0 ${WIDTH} 142`, role: "group", "aria-label": title },
-      draw("line", { class: "axis", x1: box.left, x2: box.left + box.width, y1: box.bottom, y2: box.bottom }),
+      draw("line.axis", { x1: box.left, x2: box.left + box.width, y1: box.bottom, y2: box.bottom }),
       mark &&
-        draw("line", {
-          class: "mark",
+        draw("line.mark", {
           x1: across(mark, ends, box.left, box.width),
           x2: across(mark, ends, box.left, box.width),
           y1: 8,
@@ -150,11 +148,11 @@ const plots = (() => {
       bars.push(...own);
       return [
         draw(
-          "text",
-          { class: "name", x: left - 8, y: box.bottom - 5 },
+          "text.name",
+          { x: left - 8, y: box.bottom - 5 },
           one.name.length > 11 ? `${one.name.slice(0, 10)}…` : one.name,
         ),
-        draw("line", { class: "axis", x1: left, x2: WIDTH - 4, y1: box.bottom, y2: box.bottom }),
+        draw("line.axis", { x1: left, x2: WIDTH - 4, y1: box.bottom, y2: box.bottom }),
         own,
       ];
     });
@@ -174,14 +172,14 @@ const plots = (() => {
     const most = Math.max(...rows.map((one) => one.value));
     const links = rows.map((one) =>
       make(
-        "a",
-        { class: "named", href: one.href },
-        make("span", { class: "what" }, one.name),
-        make("span", { class: "said" }, one.said),
-        make("span", { class: "length", "aria-hidden": "true", style: `--share: ${most > 0 ? one.value / most : 0}` }),
+        "a.named",
+        { href: one.href },
+        make("span.what", one.name),
+        make("span.said", one.said),
+        make("span.length", { "aria-hidden": "true", style: `--share: ${most > 0 ? one.value / most : 0}` }),
       ),
     );
-    const list = make("div", { class: "bars", role: "group", "aria-label": title }, links);
+    const list = make("div.bars", { role: "group", "aria-label": title }, links);
     elements.rove(list, links);
     return title ? figure(title, note, list, true) : list;
   }
@@ -206,9 +204,8 @@ const plots = (() => {
     const rows = ticks(...limits.errors).map((one) =>
       draw(
         "g",
-        {},
-        draw("line", { class: "grid", x1: left, x2: left + wide, y1: y(one), y2: y(one) }),
-        draw("text", { class: "side", x: left - 5, y: y(one) + 3 }, `${Number((100 * one).toPrecision(1))} %`),
+        draw("line.grid", { x1: left, x2: left + wide, y1: y(one), y2: y(one) }),
+        draw("text.side", { x: left - 5, y: y(one) + 3 }, `${Number((100 * one).toPrecision(1))} %`),
       ),
     );
     return draw(

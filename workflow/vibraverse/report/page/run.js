@@ -20,14 +20,14 @@ const run = (() => {
       { href: elements.link("object", id, solidity ? { solidity } : {}) },
       entry ? foreign(entry.title) : id,
     );
-    const which = entry && entry.title !== id ? [" ", make("code", { class: "id" }, id)] : [];
+    const which = entry && entry.title !== id ? [" ", make("code.id", id)] : [];
     return [link, which, solidity ? [" ", make("small", { class: solidity }, solidity)] : []];
   }
 
   function more(count, shown, settings) {
     return (
       count > shown &&
-      make("p", {}, make("a", { href: elements.link("explore", "", settings) }, `All ${words.count(count)} in Explore`))
+      make("p", make("a", { href: elements.link("explore", "", settings) }, `All ${words.count(count)} in Explore`))
     );
   }
 
@@ -41,14 +41,13 @@ const run = (() => {
     }
     const share = Math.max(FEWEST, Math.floor(ROWS / Math.max(1, groups.size)));
     const sorted = [...groups].sort(([, a], [, b]) => b.length - a.length);
-    if (!sorted.length) return [make("p", { class: "soft" }, "Nothing was refused.")];
+    if (!sorted.length) return [make("p.soft", "Nothing was refused.")];
     const known = results();
     const command = shelf.data.kind === "run" && [
       make(
         "p",
-        {},
         "Put it right, then this makes it run again",
-        known ? ":" : [", with the folder that holds ", make("code", {}, "report/"), " in the place of RESULTS:"],
+        known ? ":" : [", with the folder that holds ", make("code", "report/"), " in the place of RESULTS:"],
       ),
       make(
         "pre",
@@ -57,19 +56,12 @@ const run = (() => {
       ),
     ];
     return [
-      make("p", { class: "soft" }, "What could not be processed, why, and what to do about it."),
+      make("p.soft", "What could not be processed, why, and what to do about it."),
       command,
       sorted.map(([reason, rows]) =>
         make(
-          "div",
-          { class: "panel" },
-          make(
-            "h3",
-            {},
-            words.capital(shelf.data.reasons[reason]),
-            " ",
-            make("span", { class: "count" }, words.count(rows.length)),
-          ),
+          "div.panel",
+          make("h3", words.capital(shelf.data.reasons[reason]), " ", make("span.count", words.count(rows.length))),
           elements.table(
             ["object", "refused by", "what is wrong, and what to do"],
             rows
@@ -77,7 +69,7 @@ const run = (() => {
               .map(({ entry, one }) => [
                 name(shelf, entry.id, one.solidity),
                 one.stage,
-                [foreign(one.message), " ", make("span", { class: "soft" }, foreign(one.advice))],
+                [foreign(one.message), " ", make("span.soft", foreign(one.advice))],
               ]),
           ),
           more(rows.length, share, { state: `refused: ${reason}` }),
@@ -88,14 +80,13 @@ const run = (() => {
 
   function warnings(shelf) {
     const kinds = shelf.data.warnings.filter((one) => one.count);
-    if (!kinds.length) return [make("p", { class: "soft" }, "No body carries a warning.")];
+    if (!kinds.length) return [make("p.soft", "No body carries a warning.")];
     return [
-      make("p", { class: "soft" }, "Each says a number, its threshold and what to do. Nothing was refused for them."),
+      make("p.soft", "Each says a number, its threshold and what to do. Nothing was refused for them."),
       kinds.map((kind) =>
         make(
-          "div",
-          { class: "panel" },
-          make("h3", {}, words.capital(kind.sentence), " ", make("span", { class: "count" }, words.count(kind.count))),
+          "div.panel",
+          make("h3", words.capital(kind.sentence), " ", make("span.count", words.count(kind.count))),
           elements.table(
             ["object", "what it says"],
             kind.shown.map(([id, solidity, text]) => [name(shelf, id, solidity), foreign(text)]),
@@ -133,32 +124,24 @@ const run = (() => {
     );
     return [
       make(
-        "p",
-        { class: "soft" },
+        "p.soft",
         "Bodies whose frequencies are known, by the path of every object: how errors fall with the unknowns, ",
         "for ",
-        make("span", { class: "hollow" }, "linear (P1)"),
+        make("span.hollow", "linear (P1)"),
         " and ",
-        make("span", { class: "solid" }, "quadratic (P2)"),
+        make("span.solid", "quadratic (P2)"),
         " elements, with the power of each curve; in theory −2⁄3 and −4⁄3. Dotted: as the elements give it. Full: ",
         "corrected, as objects are by default.",
       ),
-      shelf.data.validation.missed.map((said) => make("p", { class: "notice" }, make("strong", {}, "Missed "), said)),
+      shelf.data.validation.missed.map((said) => make("p.notice", make("strong", "Missed "), said)),
       make(
-        "div",
-        { class: "plots small" },
+        "div.plots.small",
         bodies.map((body) =>
-          make(
-            "figure",
-            { class: "plot" },
-            make("figcaption", {}, make("strong", {}, body.title)),
-            plots.convergence(body, limits),
-          ),
+          make("figure.plot", make("figcaption", make("strong", body.title)), plots.convergence(body, limits)),
         ),
       ),
       make(
-        "div",
-        { class: "panel" },
+        "div.panel",
         elements.table(
           ["body", "elements", "unknowns", "frequencies", "largest error", "accepted", "against"],
           rows,
@@ -170,30 +153,27 @@ const run = (() => {
 
   function making(shelf) {
     const { stages, materials, shards, splits } = shelf.data;
-    const pair = ([key, value]) => make("span", { class: "pair" }, make("b", {}, key), ` ${value} `);
+    const pair = ([key, value]) => make("span.pair", make("b", key), ` ${value} `);
     const pairs = (list) => (list.length ? list.map(pair) : "–");
     const number = (value) => words.number(value);
     return [
       make(
-        "div",
-        { class: "panel" },
-        make("h3", {}, "Stages"),
+        "div.panel",
+        make("h3", "Stages"),
         elements.table(
           ["stage", "options", "libraries"],
           Object.entries(stages).map(([stage, how]) => [
-            [stage, " ", make("small", {}, `v${how.version}`)],
+            [stage, " ", make("small", `v${how.version}`)],
             pairs(how.options),
             pairs(how.libraries),
           ]),
         ),
       ),
       make(
-        "div",
-        { class: "panels two" },
+        "div.panels.two",
         make(
-          "div",
-          { class: "panel" },
-          make("h3", {}, "Materials"),
+          "div.panel",
+          make("h3", "Materials"),
           elements.table(
             ["name", "ρ kg/m³", "E GPa", "ν", "α 1/s", "β s"],
             materials.map((one) => [
@@ -208,9 +188,8 @@ const run = (() => {
           ),
         ),
         make(
-          "div",
-          { class: "panel" },
-          make("h3", {}, "Files"),
+          "div.panel",
+          make("h3", "Files"),
           elements.table(
             ["shard", "size", "SHA-256"],
             Object.entries(shards)
@@ -223,16 +202,11 @@ const run = (() => {
             [1],
           ),
           Object.keys(shards).length > ROWS &&
-            make(
-              "p",
-              { class: "soft" },
-              `… and ${words.count(Object.keys(shards).length - ROWS)} more in dataset/SHA256SUMS.`,
-            ),
+            make("p.soft", `… and ${words.count(Object.keys(shards).length - ROWS)} more in dataset/SHA256SUMS.`),
           make(
-            "p",
-            { class: "soft" },
+            "p.soft",
             Object.entries(splits).map(([split, count]) =>
-              make("span", { class: "pair" }, make("b", {}, split), ` ${words.plural(count, "object")} `),
+              make("span.pair", make("b", split), ` ${words.plural(count, "object")} `),
             ),
           ),
         ),
@@ -261,14 +235,9 @@ const run = (() => {
         ),
       );
       root.replaceChildren(
-        make("h1", { class: "visually-hidden", tabindex: "-1" }, "The run"),
-        make("nav", { class: "tabs", "aria-label": "Parts of the run" }, tabs),
-        make(
-          "section",
-          { class: "part" },
-          make("h2", {}, PARTS[part][0]),
-          ...PARTS[part][1](shelf).flat(Infinity).filter(Boolean),
-        ),
+        make("h1.visually-hidden", { tabindex: "-1" }, "The run"),
+        make("nav.tabs", { "aria-label": "Parts of the run" }, tabs),
+        make("section.part", make("h2", PARTS[part][0]), ...PARTS[part][1](shelf).flat(Infinity).filter(Boolean)),
       );
     }
     return {

@@ -15,7 +15,7 @@ const spectrogram = (() => {
     [254, 159, 109],
     [252, 253, 191],
   ];
-  const { element } = texts;
+  const { make } = elements;
 
   // The levels in decibels of the transform of `WINDOW` samples (Cooley and Tukey, Math. Comput. 19, 297, 1965).
   function transform(re, im) {
@@ -78,29 +78,27 @@ const spectrogram = (() => {
 
   // Returns {element, show(samples, rate), follow(voice)}; `seconds` is the length of the axis, `mostS` of any sound.
   function create(seconds, mostS) {
-    const canvas = element("canvas", {
+    const canvas = make("canvas", {
       width: COLUMNS,
       height: ROWS,
       role: "img",
       "aria-label": "Spectrogram of the last strike",
     });
-    const cursor = element("i", { class: "cursor", hidden: true });
+    const cursor = make("i.cursor", { hidden: true });
     const marks = [0.25, 0.5, 0.75, 1].map((share) =>
-      element("span", { style: `left:${100 * share}%` }, texts.seconds(share * seconds)),
+      make("span", { style: `left:${100 * share}%` }, words.duration(share * seconds)),
     );
-    const heights = element("div", { class: "heights", "aria-hidden": "true" });
-    const note = element("p", { class: "note" });
-    const root = element(
-      "figure",
-      { class: "spectrogram" },
-      element(
+    const heights = make("div.heights", { "aria-hidden": "true" });
+    const note = make("p.note");
+    const root = make(
+      "figure.spectrogram",
+      make(
         "figcaption",
-        {},
-        element("strong", {}, "Sound"),
-        element("span", { class: "of" }, `the same ${texts.seconds(seconds, 2)} for every material and body`),
+        make("strong", "Sound"),
+        make("span.of", `the same ${words.duration(seconds, 2)} for every material and body`),
       ),
-      element("div", { class: "picture" }, canvas, heights, cursor),
-      element("div", { class: "times", "aria-hidden": "true" }, element("span", { style: "left:0" }, "0"), marks),
+      make("div.picture", canvas, heights, cursor),
+      make("div.times", { "aria-hidden": "true" }, make("span", { style: "left:0" }, "0"), marks),
       note,
     );
     let frame = 0;
@@ -121,13 +119,13 @@ const spectrogram = (() => {
       heights.replaceChildren(
         ...top.map((one) => {
           const share = Math.log(one / LOW_HZ) / Math.log(rate / 2 / LOW_HZ);
-          return element("b", { style: `bottom:${100 * share}%` }, one < 1000 ? `${one}` : `${one / 1000}k`);
+          return make("b", { style: `bottom:${100 * share}%` }, one < 1000 ? `${one}` : `${one / 1000}k`);
         }),
       );
       const length = samples.length / rate;
       const said = [];
-      if (length > 1.001 * seconds) said.push(`It lasts ${texts.seconds(length)}; the rest is not shown.`);
-      if (length >= mostS) said.push(`Sounds end after ${texts.seconds(mostS)}; this one rings on.`);
+      if (length > 1.001 * seconds) said.push(`It lasts ${words.duration(length)}; the rest is not shown.`);
+      if (length >= mostS) said.push(`Sounds end after ${words.duration(mostS)}; this one rings on.`);
       note.textContent = said.join(" ");
     }
 

@@ -4,16 +4,16 @@
 const spectrum = (() => {
   const [LOW_HZ, FLOOR_DB] = [20, 60];
   const TICKS = [20, 50, 100, 200, 500, 1000, 2000, 5000, 10000];
-  const { element } = texts;
+  const { make } = elements;
 
   // Returns {element, show(…)}. `onmode` gets the mode that is chosen, or null for none.
   function create(onmode) {
-    const svg = element("svg", { "aria-hidden": "true" });
-    const strip = element("div", { class: "strip", tabindex: 0, role: "slider", "aria-label": "Mode" }, svg);
-    const reading = element("output", { class: "reading" });
-    const note = element("p", { class: "note" });
-    const caption = element("figcaption", {}, element("strong", {}, "Modes"), reading);
-    const root = element("figure", { class: "spectrum" }, caption, strip, note);
+    const svg = elements.draw("svg", { "aria-hidden": "true" });
+    const strip = make("div.strip", { tabindex: 0, role: "slider", "aria-label": "Mode" }, svg);
+    const reading = make("output.reading");
+    const note = make("p.note");
+    const caption = make("figcaption", make("strong", "Modes"), reading);
+    const root = make("figure.spectrum", caption, strip, note);
     let shown = null; // what `show` got
     let hovered = null;
 
@@ -23,8 +23,8 @@ const spectrum = (() => {
 
     function draw() {
       const marks = TICKS.filter((hz) => hz < shown.highHz).flatMap((hz) => [
-        element("line", { class: "tick", x1: `${place(hz)}%`, x2: `${place(hz)}%`, y1: 0, y2: "86%" }),
-        element(
+        elements.draw("line.tick", { x1: `${place(hz)}%`, x2: `${place(hz)}%`, y1: 0, y2: "86%" }),
+        elements.draw(
           "text",
           { x: `${place(hz)}%`, y: "97%", class: hz > LOW_HZ ? "" : "first" },
           hz < 1000 ? `${hz}` : `${hz / 1000}k`,
@@ -36,8 +36,8 @@ const spectrum = (() => {
         const half = x - place(shown.hz[mode] * (1 - Math.min(0.5, shown.error[mode])));
         const state = `${shown.chosen === mode ? "chosen" : ""} ${hovered === mode ? "now" : ""}`;
         return [
-          element("rect", { class: "unsure", x: `${x - half}%`, width: `${2 * half}%`, y, height: `${height}%` }),
-          element("line", { class: `stroke ${state}`, x1: `${x}%`, x2: `${x}%`, y1: "86%", y2: y }),
+          elements.draw("rect.unsure", { x: `${x - half}%`, width: `${2 * half}%`, y, height: `${height}%` }),
+          elements.draw("line", { class: `stroke ${state}`, x1: `${x}%`, x2: `${x}%`, y1: "86%", y2: y }),
         ];
       });
       const unknown = shown.followingHz && shown.followingHz < shown.highHz ? [hatched(place(shown.followingHz))] : [];
@@ -49,16 +49,15 @@ const spectrum = (() => {
       const room = 100 - from;
       const text =
         room > 24
-          ? element(
+          ? elements.draw(
               "text",
               { x: `${from + room / 2}%`, y: "14%", class: "beyond" },
               `not computed beyond mode ${shown.hz.length}`,
             )
           : null;
-      return element(
+      return elements.draw(
         "g",
-        {},
-        element("rect", { class: "unknown", x: `${from}%`, width: `${room}%`, y: 0, height: "86%" }),
+        elements.draw("rect.unknown", { x: `${from}%`, width: `${room}%`, y: 0, height: "86%" }),
         text,
       );
     }
@@ -68,9 +67,9 @@ const spectrum = (() => {
       const ring = shown.ring(mode);
       const parts = [
         `mode ${mode + 1}`,
-        `${texts.hertz(shown.hz[mode], shown.error[mode])} ± ${texts.percent(shown.error[mode])}`,
-        ring > 0 ? `rings ${texts.seconds(ring, 2)}` : "creeps",
-        Number.isFinite(shown.levels[mode]) ? texts.decibels(shown.levels[mode]).replace("+", "") : "not rendered",
+        `${words.hertz(shown.hz[mode], shown.error[mode])} ± ${words.percent(shown.error[mode])}`,
+        ring > 0 ? `rings ${words.duration(ring, 2)}` : "creeps",
+        Number.isFinite(shown.levels[mode]) ? words.decibels(shown.levels[mode]).replace("+", "") : "not rendered",
       ];
       return parts.join(" · ");
     }
@@ -125,11 +124,11 @@ const spectrum = (() => {
       const below = [...shown.hz].filter((hz) => hz < LOW_HZ).length;
       const said = [];
       if (above)
-        said.push(`${above} of ${shown.hz.length} modes lie above ${texts.hertz(shown.highHz)}, which no ear hears.`);
+        said.push(`${above} of ${shown.hz.length} modes lie above ${words.hertz(shown.highHz)}, which no ear hears.`);
       if (below) said.push(`${below} lie below ${LOW_HZ} Hz.`);
       if (shown.followingHz && shown.followingHz < 8000) {
         said.push(
-          `Only ${shown.hz.length} modes are computed: above ${texts.hertz(shown.followingHz, 0.01)} this sound lacks what a real one has.`,
+          `Only ${shown.hz.length} modes are computed: above ${words.hertz(shown.followingHz, 0.01)} this sound lacks what a real one has.`,
         );
       }
       note.textContent = said.join(" ");

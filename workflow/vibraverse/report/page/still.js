@@ -3,14 +3,14 @@
 
 const still = (() => {
   const ACROSS = 3; // views in a row of the file
-  const { element } = texts;
+  const { make } = elements;
 
   // An element with the views of an object, if there are any, a slider that turns them, and a text.
   function create(data, text) {
-    const why = text ? element("p", { class: "note" }, text) : null;
-    if (!data.turn) return element("div", { class: "still" }, why);
+    const why = text ? make("p.note", text) : null;
+    if (!data.turn) return make("div.still", why);
     const { title } = data.facts;
-    const frame = element("div", { class: "frame", role: "img", "aria-label": `Views of ${title}` });
+    const frame = make("div.frame", { role: "img", "aria-label": `Views of ${title}` });
     const rows = Math.ceil(data.turn_frames / ACROSS);
     frame.style.backgroundImage = `url("data/objects/${encodeURIComponent(data.turn)}")`;
     frame.style.backgroundSize = `${100 * ACROSS}% ${100 * rows}%`;
@@ -22,7 +22,7 @@ const still = (() => {
     turnTo(0);
     const input = (event) => turnTo(Number(event.target.value));
     const range = { type: "range", min: 0, max: data.turn_frames - 1, value: 0, "aria-label": `Turn ${title}`, input };
-    return element("div", { class: "still" }, frame, element("input", range), why);
+    return make("div.still", frame, make("input", range), why);
   }
 
   return { create };

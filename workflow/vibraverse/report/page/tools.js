@@ -2,12 +2,12 @@
 "use strict";
 
 const tools = (() => {
-  const { element } = texts;
+  const { make } = elements;
 
-  // Returns an element. `current` returns {id, data, choices, found, levels, heard: {made, gain_db}}; `say` tells the
-  // reader what was done; `room` is where a text goes that the browser does not let be copied.
-  function create(current, say, room) {
-    const button = (text, click) => element("button", { type: "button", class: "quiet", click }, text);
+  // Returns an element. `current` returns {id, data, choices, found, levels, heard: {made, gain_db}}; `room` is
+  // where a text goes that the browser does not let be copied.
+  function create(current, room) {
+    const button = (text, click) => make("button", { type: "button", class: "quiet", click }, text);
     const named = (ending) => {
       const { id, choices } = current();
       return `${id}-${choices.solidity}-${choices.name}.${ending}`;
@@ -15,22 +15,18 @@ const tools = (() => {
 
     function save(name, type, content) {
       const href = URL.createObjectURL(new Blob([content], { type }));
-      element("a", { href, download: name }).click();
+      make("a", { href, download: name }).click();
       setTimeout(() => URL.revokeObjectURL(href), 10_000);
-      say(`Saved ${name}.`);
+      elements.say(`Saved ${name}.`);
     }
 
     async function copy(text) {
       try {
         await navigator.clipboard.writeText(text);
-        say("Copied.");
+        elements.say("Copied.");
       } catch {
         // Browsers keep the clipboard from some pages: show the text, selected.
-        const field = element(
-          "textarea",
-          { class: "copied", rows: 4, readonly: true, "aria-label": "Copy this" },
-          text,
-        );
+        const field = make("textarea.copied", { rows: 4, readonly: true, "aria-label": "Copy this" }, text);
         room.replaceChildren(field);
         field.focus();
         field.select();
@@ -38,9 +34,8 @@ const tools = (() => {
     }
 
     const state = () => current();
-    return element(
-      "div",
-      { class: "tools" },
+    return make(
+      "div.tools",
       button("Save WAV", () => save(named("wav"), "audio/wav", wavBytes(state()))),
       button("Copy link", () => copy(location.href)),
       button("Copy command", () => copy(share.command(state().choices, state().data, state().id))),

@@ -8,6 +8,12 @@ const words = (() => {
     [1, 1e-2, "cm"],
     [Infinity, 1, "m"],
   ];
+  const MASSES = [
+    [1e-3, 1e-6, "mg"],
+    [1, 1e-3, "g"],
+    [1e3, 1, "kg"],
+    [Infinity, 1e3, "t"],
+  ];
   const VOLUMES = [
     [1e-6, 1e-9, "mm³"],
     [1e-3, 1e-6, "cm³"],
@@ -33,13 +39,22 @@ const words = (() => {
     if (!Number.isFinite(value)) return "–";
     return Number(value.toPrecision(digits)).toLocaleString("en", { maximumFractionDigits: 20 });
   }
-  const scaled = (units) => (value) => {
+  const scaled = (units) => (value, digits) => {
     const [, unit, name] = units.find(([below]) => value < below);
-    return `${number(value / unit)}\u202f${name}`;
+    return `${number(value / unit, digits)}\u202f${name}`;
   };
+
+  // A frequency to the digits that its relative error leaves, and one more.
+  function hertz(value, error = 1e-4) {
+    const digits = Math.min(7, Math.max(3, Math.ceil(-Math.log10(Math.max(error, 1e-9))) + 1));
+    return `${number(value, digits)}\u202fHz`;
+  }
+
   const count = (value) => value.toLocaleString("en");
   const plural = (value, one, many = `${one}s`) => `${count(value)} ${value === 1 ? one : many}`;
   const percent = (value, digits = 2) => `${number(100 * value, digits)}\u202f%`;
+  const decibels = (value) =>
+    Number.isFinite(value) ? `${value < 0 ? "−" : "+"}${Math.abs(value).toFixed(1)}\u202fdB` : "silent";
   const capital = (text) => text.charAt(0).toUpperCase() + text.slice(1);
 
   // Seconds of computing: from milliseconds to hours.
@@ -59,10 +74,13 @@ const words = (() => {
     count,
     plural,
     percent,
+    decibels,
+    hertz,
     capital,
     effort,
     between,
     length: scaled(LENGTHS),
+    mass: scaled(MASSES),
     volume: scaled(VOLUMES),
     frequency: scaled(FREQUENCIES),
     duration: scaled(TIMES),
