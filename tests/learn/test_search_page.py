@@ -36,7 +36,7 @@ def test_a_search_shows_what_the_vectors_say(made):
         bodies, vectors = answers["test/body"].tolist(), {name: answers[f"test/{name}"][:, 0] for name in
                                                            ("sound", "shape", "image")}  # fmt: skip
     articles = re.findall(
-        r'<article class="card heard searched" id="retrieval-\d+"( hidden)?>(.*?)</article>', text, re.S
+        r'<article class="heard searched" id="retrieval-\d+"( hidden)?>(.*?)</article>', text, re.S
     )
     assert [hidden for hidden, _ in articles] == ["", " hidden"]
     objects = [body.split()[0] for body in bodies]
