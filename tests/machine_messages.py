@@ -138,7 +138,7 @@ MACHINES: dict[str, tuple[Callable, tuple[str, ...], str]] = {
     "unknown profile": (
         lambda *_: preflight.profile(["--workflow-profile", "gone"]), ("gone", "--workflow-profile"), "does not exist",
     ),
-    "missing shards": (lambda *_: preflight.shards(["a/0.h5"]), ("`slice: join`", "0.h5"), "do not exist"),
+    "missing files of slices": (lambda *_: preflight.slices(["a/0.h5"]), ("`slice: join`", "0.h5"), "do not exist"),
     "unknown object": (_known("object", "nutt"), ("'nutt'", "'nut'", "mine.yaml"), "unknown object"),
     "unwritable": (
         lambda *_: preflight.configuration("/sys/config.yaml", "{}"), ("/sys/config.yaml",), "cannot be written",

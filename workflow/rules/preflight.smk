@@ -15,7 +15,7 @@ preflight.stop_without(
     {*VERSIONS, *internals.rule_names(workflow)},
 )
 if plan.joins and internals.is_main_process(workflow):
-    preflight.stop_without(preflight.shards, targets.missing_shards(plan))
+    preflight.stop_without(preflight.slices, targets.missing_of_slices(plan))
 
 
 def warm_up(jobs):

@@ -98,7 +98,7 @@ def main(argv: list[str]) -> int:
     _check_slurm(chosen)
     logs.mkdir(parents=True, exist_ok=True)
     array = _sbatch(slices)
-    # afterany: if slices failed, the join names the missing shards.
+    # afterany: if slices failed, the join names the missing files.
     try:
         last = _sbatch(join, f"--dependency=afterany:{array}")
     except UsageError as error:

@@ -35,12 +35,7 @@ def shard_products(plan: Plan, shard: str) -> list[str]:
 
 
 def page_objects(plan: Plan) -> list[str]:
-    """Return what the page shows of all objects; each needs the data of the object's bodies.
-
-    A run that joins slices names none: the slices have made them, and there may be very many.
-    """
-    if plan.joins:
-        return []
+    """Return what the page shows of all objects; each needs the data of the object's bodies."""
     return [plan.paths.at(plan.paths.page_object, object=object_) for object_ in sorted(plan.objects)]
 
 
@@ -126,9 +121,9 @@ def everything(plan: Plan) -> list[str]:
     return [*last, paths.dataset_config, paths.dataset_sums, paths.index_parquet, paths.index_columns]
 
 
-def missing_shards(plan: Plan) -> list[str]:
-    """Return the shards that do not exist."""
-    return [path for path in shards(plan) if not os.path.isfile(path)]
+def missing_of_slices(plan: Plan) -> list[str]:
+    """Return the files that slices make and that do not exist."""
+    return [path for path in shards(plan) + page_objects(plan) if not os.path.isfile(path)]
 
 
 def source_file(plan: Plan, object_: str) -> list[str]:

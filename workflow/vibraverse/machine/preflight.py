@@ -178,11 +178,11 @@ def seen_in_images(files: Iterable[str | Path], arguments: str = "") -> None:
         )
 
 
-def shards(missing: list[str]) -> None:
-    """Check that the slices of a run have made all shards."""
+def slices(missing: list[str]) -> None:
+    """Check that the slices of a run have made their files."""
     if missing:
         raise NotThere(
-            f"`slice: join` takes the shards that the slices made, but {len(missing)} of them do not exist "
+            f"`slice: join` takes the files that the slices made, but {len(missing)} of them do not exist "
             f"({', '.join(Path(path).name for path in missing[:5])}{', …' if len(missing) > 5 else ''}); run the "
             "slices again (`logs/slices/` in the results holds what submitted ones said), or without `slice` to make "
             "everything that is missing"

@@ -65,7 +65,7 @@ const elements = (() => {
   // A table from headings and rows; a cell is a text, an element or a list of them. `numbers` are the columns on the
   // right. Its links are one stop of the Tab key.
   function table(headings, rows, numbers = []) {
-    const side = (place) => (numbers.includes(place) ? "number" : null);
+    const side = (place) => (numbers.includes(place) ? "right" : null);
     const head = headings.map((text, place) => make("th", { scope: "col", class: side(place) }, text));
     const body = rows.map((cells) =>
       make(
@@ -84,11 +84,11 @@ const elements = (() => {
       make("tbody", body),
     );
     rove(made, [...made.querySelectorAll("a")]);
-    // Many columns may have to be scrolled, with the keyboard, too.
+    // Columns may have to be scrolled, with the keyboard, too: it comes to the links, or to the table itself.
     return make(
       "div.scrolled",
       {
-        ...(headings.length > 3 && { tabindex: "0", role: "group", "aria-label": headings.join(", ") }),
+        ...(!made.querySelector("a") && { tabindex: "0", role: "group", "aria-label": headings.join(", ") }),
       },
       made,
     );
