@@ -94,7 +94,7 @@ def test_an_object_without_data_of_the_page_is_listed_too(report_page, tmp_path)
     [
         ("bar-0000.json", b"{", "bar-0000.json is damaged"),
         ("bar-0000.thumb.webp", None, "bar-0000.thumb.webp does not exist, and its record does"),
-        ("bar-0000.thumb.webp", b"RIFF", "bar-0000.thumb.webp is no picture"),
+        ("bar-0000.thumb.webp", b"RIFF", "bar-0000.thumb.webp is not a picture"),
     ],
 )
 def test_damaged_data_of_the_page_are_named(report_page, tmp_path, vibraverse, file, content, said):

@@ -40,7 +40,7 @@ def main(argv: list[str]) -> int:
         raise UsageError(f"--size-px must lie between 32 and 2048, not {chosen.size_px}")
     output = chosen.output or Path(f"{chosen.object}-{chosen.solidity}-{chosen.mode}.gif")
     if output.suffix.lower() != ".gif":
-        raise UsageError(f"{output} does not end in .gif; GIF is the only format")
+        raise UsageError(f"{output} does not end in .gif, the only format; give another name with -o")
     check_writable(output)
     hz, said, arguments = _mode(run_paths(chosen), chosen)
     from vibraverse.media.animation import gif

@@ -50,7 +50,9 @@ def run(job: Job) -> None:
         files = assembly.files(data, _thumbnails(shown, named))
     except ValueError as error:
         damaged = shown / f"{named[error.args[0]]}.thumb.webp"
-        raise UsageError(f"report: {damaged} is no picture; delete it and run the workflow again") from error
+        raise UsageError(
+            f"report: {damaged} is not a picture; delete it and run the workflow again"
+        ) from error
     parent = page.parent / "page"
     folder = write_assets(parent, files)
     job.afterwards += [
