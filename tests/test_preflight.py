@@ -104,7 +104,7 @@ def test_an_image_is_named_by_family_and_version(monkeypatch, tmp_path):
 
 def test_an_image_holds_code_and_one_lock():
     names = {str(path) for path in containers.contents("fem")}
-    assert {"envs/fem.txt", "workflow/vibraverse/cli.py", "workflow/vibraverse/report/page.js"} <= names
+    assert {"envs/fem.txt", "workflow/vibraverse/cli.py", "workflow/vibraverse/report/page/synth.js"} <= names
     assert not any("__pycache__" in name or name.startswith("envs/geometry") for name in names)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 
-from PIL import Image
+from PIL import Image, WebPImagePlugin
 
 #: Frames of a turn at most, in rows of this many, and the size of each in pixels.
 FRAMES, ACROSS, SIZE_PX = 6, 3, 256
@@ -41,5 +41,5 @@ def _scaled(picture: bytes, size_px: int) -> Image.Image:
 
 def _webp(picture: Image.Image) -> bytes:
     file = io.BytesIO()
-    picture.save(file, format="WEBP", quality=_QUALITY, method=6)
+    picture.save(file, format=WebPImagePlugin.WebPImageFile.format, quality=_QUALITY, method=6)
     return file.getvalue()

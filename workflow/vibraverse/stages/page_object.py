@@ -45,6 +45,13 @@ def run(job: Job) -> None:
     print(f"{len(script) / 1000:.1f} kB, {len(json.dumps(row))} bytes of the index")
 
 
+def prepare() -> None:
+    """Load the readers and writers of pictures."""
+    from PIL import Image
+
+    Image.preinit()
+
+
 def _record(path: Path) -> dict | None:
     """Return the content of a JSON record; None where a refusal stands in its place."""
     from vibraverse.contract.products import read_json
