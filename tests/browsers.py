@@ -40,7 +40,7 @@ def opened(page: Path, profile: Path, *more: str) -> Iterator:
 
     options = webdriver.ChromeOptions()
     options.binary_location = CHROMIUM
-    for flag in (*FLAGS, *more, f"--user-data-dir={profile}", "--window-size=1280,900"):
+    for flag in (*FLAGS, "--window-size=1280,900", f"--user-data-dir={profile}", *more):
         options.add_argument(flag)
     options.set_capability("goog:loggingPrefs", {"browser": "ALL", "performance": "ALL"})
     driver = webdriver.Chrome(options, Service(DRIVER))

@@ -8,16 +8,15 @@ export {
   DirectionalLight,
   DynamicDrawUsage,
   Group,
+  HemisphereLight,
   Mesh,
   MeshBasicMaterial,
   MeshStandardMaterial,
   NeutralToneMapping,
   PerspectiveCamera,
-  PMREMGenerator,
   Scene,
   SphereGeometry,
   Vector3,
   WebGLRenderer,
 } from "three";
 export { OrbitControls } from "three/addons/controls/OrbitControls.js";
-export { RoomEnvironment } from "three/addons/environments/RoomEnvironment.js";

@@ -29,14 +29,17 @@ const scene = (() => {
     renderer.toneMapping = three.NeutralToneMapping;
     renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     const world = new three.Scene();
-    const light = new three.PMREMGenerator(renderer);
-    world.environment = light.fromScene(new three.RoomEnvironment(), 0.04).texture;
-    world.environmentRotation.x = Math.PI / 2; // z points up
+    // Lights, and no picture of a room: without a GPU, blurring one for each roughness takes four seconds.
+    const sky = new three.HemisphereLight(0xffffff, 0x8d8577, 2.2);
+    sky.position.set(0, 0, 1); // z points up
+    world.add(sky);
     const camera = new three.PerspectiveCamera(VIEW_DEG, 1, 0.1, 40);
     camera.up.set(0, 0, 1);
-    const sun = new three.DirectionalLight(0xffffff, 1.1);
-    camera.add(sun);
-    sun.position.set(-1, 1.4, 1);
+    for (const [strength, ...place] of [[2.4, -1, 1.4, 1], [0.7, 1.6, -0.3, 0.4]]) {
+      const lamp = new three.DirectionalLight(0xffffff, strength);
+      lamp.position.set(...place);
+      camera.add(lamp);
+    }
     world.add(camera);
     const geometry = new three.BufferGeometry();
     const material = new three.MeshStandardMaterial();
@@ -287,8 +290,8 @@ const scene = (() => {
   function dress(look) {
     const { material } = kept.mesh;
     material.color = new three.Color().setRGB(...look.colour, "srgb");
-    material.metalness = look.metallic;
-    material.roughness = Math.max(look.roughness, 0.12);
+    material.metalness = 0.45 * look.metallic; // a whole metal is black where it has nothing to mirror
+    material.roughness = Math.max(look.roughness, 0.25);
     material.transparent = look.clear;
     material.opacity = look.clear ? 0.62 : 1;
     material.needsUpdate = true;
