@@ -199,6 +199,20 @@ def test_what_is_made_of_all_objects_leads_back_to_their_sources(finished, vibra
     assert ", changed since" not in out
 
 
+@pytest.mark.parametrize(
+    ("file", "stage", "before"),
+    [("bar-0000.solid.js", "page_body", "modes"), ("bar-0000.thumb.webp", "page_object", "audio")],
+)
+def test_data_of_the_page_lead_back_to_their_object(finished, vibraverse, monkeypatch, file, stage, before):
+    monkeypatch.chdir(finished.folder)
+    status, out, _ = vibraverse("provenance", f"results/report/data/objects/{file}", "--commands")
+    assert status == 0
+    stages = [shlex.split(line)[1] for line in out.splitlines()]
+    assert (stages[0], stages[-1]) == ("sources", stage)
+    assert before in stages
+    assert ("audio" in stages) == (stage == "page_object")
+
+
 def test_a_script_makes_all_objects_and_keeps_the_splits(tmp_path, vibraverse):
     names = tuple(f"bar-{number:04d}" for number in range(4))
     paths = make_products.make(tmp_path, objects=names)

@@ -6,6 +6,7 @@ import argparse
 import json
 import shlex
 from contextlib import suppress
+from itertools import product
 from pathlib import Path
 
 from vibraverse.contract import products
@@ -15,10 +16,10 @@ from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.step import option
 from vibraverse.contract.texts import advised, counted
 from vibraverse.dataset.schema import MAKING
-from vibraverse.flow.chain import shards_in
-from vibraverse.flow.paths import Paths
+from vibraverse.flow.chain import objects_in, shards_in
+from vibraverse.flow.paths import SOLIDITIES, Paths
 from vibraverse.flow.steps import BY_NAME
-from vibraverse.upkeep.lineage import Made, chain, jobs, logged, makers, packed_jobs
+from vibraverse.upkeep.lineage import Made, chain, jobs, logged, makers, needed, packed_jobs
 
 #: Objects of a shard or dataset up to which all chains are printed; with more, --object chooses one.
 _MAX_CHAINS = 3
@@ -52,6 +53,8 @@ def main(argv: list[str]) -> int:
                 f"{chosen.file} is not a product of a stage; name one, as in results/objects/ID/surface.ply"
             )
         found, last = chain([made]), []
+    elif inside[:3] == ("report", "data", "objects"):
+        found, last = _of_page(paths, chosen.file)
     else:
         found, last = _of_dataset(paths, chosen.file, "/".join(inside), chosen.object)
     if chosen.commands:
@@ -85,7 +88,10 @@ def _results_of(file: Path) -> tuple[Paths, tuple[str, ...]]:
         return Paths(str(file.parent.parent.parent)), ("dataset", "shards", file.name)
     parts = file.parts
     for place in range(len(parts) - 2, -1, -1):
-        if parts[place] in ("objects", "dataset", "report"):
+        if parts[place] in ("objects", "dataset", "report") and parts[place - 2 : place] != (
+            "report",
+            "data",
+        ):
             return Paths(str(Path(*parts[:place]))), parts[place:]
     if file.name == "verdict.json":
         return Paths(str(file.parent)), (file.name,)
@@ -129,6 +135,35 @@ def _of_dataset(
     return [made for each in held.values() for made in each], last
 
 
+def _of_page(paths: Paths, file: Path) -> tuple[list[Made], list[tuple[str, str]]]:
+    """Return the jobs of the object or body that data of the page are about, and the page's job as text and command."""
+    for stage, wildcards in (("page_body", ("object", "solidity")), ("page_object", ("object",))):
+        for object_id, solidity in product(objects_in(paths), SOLIDITIES):
+            names = {"object": object_id, "solidity": solidity}
+            outputs = (output.pattern for output in BY_NAME[stage].outputs.values())
+            if file.name not in {Path(paths.named(one, **names)).name for one in outputs}:
+                continue
+            log = Path(paths.at(paths.log(stage, *wildcards), **names))
+            command = _logged_command(log, file)
+            if stage == "page_body":
+                about = needed(paths, object_id, solidity, "modes")
+            else:
+                about = [made for made in chain(jobs(paths, object_id)) if made.record.is_file()]
+            return about, [(f"{stage}\n    makes  {file}", command)]
+    raise UsageError(
+        f"{file} is about no object of {paths.results}; name a product, as in results/objects/ID/surface.ply"
+    )
+
+
+def _logged_command(log: Path, file: Path) -> str:
+    """Return the command at the beginning of the log of the job that made a file."""
+    if not log.is_file():
+        raise UsageError(
+            f"{log}, which holds the command that made {file}, does not exist; delete {file} and repeat the run"
+        )
+    return log.read_text(encoding="utf-8").split("\n")[0]
+
+
 def _after_shards(paths: Paths, shards: list[Path], file: Path, inside: str) -> list[tuple[str, str]]:
     """Return the jobs that made the products of all shards, as text and command."""
     record = Path(paths.dataset_record)
@@ -148,12 +183,8 @@ def _after_shards(paths: Paths, shards: list[Path], file: Path, inside: str) -> 
         words = ["refusals", "--record", record, "--check", share, "--verdict", file]
         found.append((f"verdict\n    makes  {file}", _command(words)))
     elif inside.startswith("report/"):
-        log = Path(paths.log("report"))
-        if not log.is_file():
-            raise UsageError(
-                f"{log}, which holds the command that made {file}, does not exist; delete {file} and repeat the run"
-            )
-        found.append((f"report\n    makes  {file}", log.read_text(encoding="utf-8").split("\n")[0]))
+        command = _logged_command(Path(paths.log("report")), file)
+        found.append((f"report\n    makes  {file}", command))
     return found
 
 
