@@ -75,7 +75,14 @@ PAGE_STEPS = (
         },
         record="record",
         libraries=("h5py", "numpy", "pillow"),
-        imports=("vibraverse.files.modes", "vibraverse.report.objects", "vibraverse.report.turn", "h5py"),
+        imports=(
+            "vibraverse.files.modes",
+            "vibraverse.geometry.cleaning.cautions",
+            "vibraverse.physics.cautions",
+            "vibraverse.report.objects",
+            "vibraverse.report.turn",
+            "h5py",
+        ),
         passes_refusals=False,
     ),
 )
