@@ -24,6 +24,17 @@ PRESETS: dict[str, dict[str, dict]] = {
 
 #: What a preset sets otherwise for a task, or for one of its models.
 OWN_PRESETS: dict[str, dict[str, dict]] = {
+    # A small network that sees spectra alone: many cheap steps.
+    "frequencies/ritz": {
+        preset: {
+            "training": {
+                "batch_size": 32, "learning_rate": 4e-3, "weight_decay": 0.1, "schedule": "cosine",
+                "warmup_steps": 300, **own,
+            },
+            "network": {"width": 64, "layers": 5},
+        }
+        for preset, own in {"cpu": {}, "small": {"batch_size": 128}, "paper": {"steps": 20_000}}.items()
+    },
     "reconstruction": {
         "tiny": {
             "training": {"batch_size": 4, "learning_rate": 1e-3, "schedule": "cosine", "warmup_steps": 5},
