@@ -129,9 +129,8 @@ class Samples:
     def _map(self, name: str) -> list[np.ndarray]:
         if name not in self._maps:
             maps = (np.load(folder / f"{name}.npy", mmap_mode="r") for folder in self.folders)
-            self._maps[name] = [
-                np.asarray(one) for one in maps
-            ]  # rows of np.memmap take several times as long
+            # Rows of np.memmap itself take several times as long.
+            self._maps[name] = [np.asarray(one) for one in maps]
         return self._maps[name]
 
 
