@@ -2,15 +2,16 @@
 
     python benchmarks/growth.py RESULTS [--model ritz] [--hold-out files] [--seeds 1] [--shares 0.125 0.25 0.5 1]
 
-RESULTS is a run's folder with features and splits. Two questions, each with the tested bodies kept the same: the split
-by object with a share of the objects of each family, and the splits by family with a share of the families. A
-training stops at the preset's steps, whatever the number of bodies.
+RESULTS is a run's folder with features and splits. The tested bodies are the same in all rows of a split: by object
+with a share of the objects of each family, by family with a share of the families; with ``--without``, by family with
+and without some families in training. A training takes the preset's steps, whatever the number of bodies.
 """
 
 from __future__ import annotations
 
 import argparse
 import tempfile
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -29,27 +30,39 @@ def main() -> None:
     parser.add_argument("--preset", default="cpu", choices=["tiny", "cpu", "small", "paper"])
     parser.add_argument("--hold-out", nargs="*", default=[], help="origins that are never trained on")
     parser.add_argument("--seeds", type=int, default=1)
-    parser.add_argument("--shares", type=float, nargs="+", default=[0.125, 0.25, 0.5, 1.0])
+    parser.add_argument("--shares", type=float, nargs="*", default=[0.125, 0.25, 0.5, 1.0])
     parser.add_argument("--folds", type=int, nargs="+", default=list(range(5)), help="splits by family")
     parser.add_argument("--steps", type=int, help="in place of the preset's")
+    parser.add_argument(
+        "--without", nargs="*", default=[], metavar="FAMILY", help="what these families bring"
+    )
     arguments = parser.parse_args()
+    by_family = [f"family-{fold}" for fold in arguments.folds]
     print("| split | families | objects | bodies | median | mode 1 | 90th percentile |")
     print("|" + 7 * " --- |")
-    for split, of in (("object", "object"), ("family", "family")):
+    for split, names in (("object", ["object"]), ("family", by_family)):
         for share in arguments.shares:
-            names = [split] if split == "object" else [f"family-{fold}" for fold in arguments.folds]
-            found = [
-                trained(arguments, name, of, share, seed) for name in names for seed in range(arguments.seeds)
-            ]
-            counts = np.mean([one[0] for one in found], axis=0)
-            errors = np.concatenate([one[1] for one in found])
-            told = (np.median(errors), np.median(errors[:, 0]), np.percentile(errors, 90))
-            cells = [f"{count:.0f}" for count in counts] + [f"{100 * one:.2f} %" for one in told]
-            print(f"| {split} | {' | '.join(cells)} |", flush=True)
+            row(arguments, split, names, partial(kept, of=split, share=share))
+    if arguments.without:
+        row(arguments, "family, with these", by_family, lambda samples, bodies, seed: bodies)
+        row(arguments, "family, without", by_family, partial(others, families=arguments.without))
 
 
-def trained(arguments, split: str, of: str, share: float, seed: int) -> tuple[list[int], np.ndarray]:
-    """Return how many families, objects and bodies were trained on, and the relative errors (n, modes) in the test."""
+def row(arguments, label: str, splits: list[str], choose) -> None:
+    """Print a row: trainings on what ``choose(samples, bodies, seed)`` leaves of the training side of each split."""
+    found = [trained(arguments, split, choose, seed) for split in splits for seed in range(arguments.seeds)]
+    counts = np.mean([one[0] for one in found], axis=0)
+    errors = np.concatenate([one[1] for one in found])
+    told = (np.median(errors), np.median(errors[:, 0]), np.percentile(errors, 90))
+    cells = [f"{count:.0f}" for count in counts] + [f"{100 * one:.2f} %" for one in told]
+    print(f"| {label} | {' | '.join(cells)} |", flush=True)
+
+
+def trained(arguments, split: str, choose, seed: int) -> tuple[list[int], np.ndarray]:
+    """Return how many families, objects and bodies were trained on, and the relative errors (n, modes) in the test.
+
+    Families that are trained on in one row and not in another are not tested.
+    """
     from vibraverse.config.learn import Learn
     from vibraverse.learn.evaluation import evaluate
     from vibraverse.learn.sides import TRAIN
@@ -61,17 +74,22 @@ def trained(arguments, split: str, of: str, share: float, seed: int) -> tuple[li
     options = learn.run("frequencies", split, arguments.model, seed)
     records = sorted(arguments.results.glob("learn/features/*/features.json"))
     task = task_at(records, arguments.results / "dataset" / "splits.tsv", options)
-    task.sides[TRAIN] = kept(task.samples, task.sides[TRAIN], of, share, seed)
+    used = task.sides[TRAIN] = choose(task.samples, task.sides[TRAIN], seed)
     with tempfile.TemporaryDirectory() as work:
         done = train(task, options.training, Path(work), seed=seed, facts={}, say=lambda line: None)
     _, answers = evaluate(task, done.model, "test", options.training)
-    used = task.sides[TRAIN]
-    names = [task.samples.family[used], task.samples.object[used], used]
     errors = np.abs(np.expm1(answers["found"].astype(float) - answers["true"]))
-    return [len(set(one.tolist())) for one in names], errors
+    tested = ~np.isin(task.samples.family[task.sides["test"]], arguments.without)
+    names = [task.samples.family[used], task.samples.object[used], used]
+    return [len(set(one.tolist())) for one in names], errors[tested]
 
 
-def kept(samples, bodies: np.ndarray, of: str, share: float, seed: int) -> np.ndarray:
+def others(samples, bodies: np.ndarray, seed: int, families: list[str]) -> np.ndarray:
+    """Return the bodies (k,) that are of none of these families."""
+    return bodies[~np.isin(samples.family[bodies], families)]
+
+
+def kept(samples, bodies: np.ndarray, seed: int, of: str, share: float) -> np.ndarray:
     """Return the bodies (k,) of a share of the objects of each family, or of a share of the families."""
     random = np.random.default_rng(seed)
     families = samples.family[bodies]

@@ -86,16 +86,16 @@ def test_a_share_of_the_objects_keeps_families_and_a_share_of_the_families_keeps
         object=np.repeat(names, 2), family=np.repeat([name.split("-")[0] for name in names], 2)
     )
     bodies = np.arange(2, 48)  # of the first family five objects
-    half = growth.kept(samples, bodies, "object", 0.5, seed=0)
+    half = growth.kept(samples, bodies, 0, "object", 0.5)
     assert {family: int((samples.family[half] == family).sum()) for family in set(samples.family)} == {
         "bar": 4, "cup": 6, "mug": 6, "pan": 6,
     }  # fmt: skip
     assert (np.unique(samples.object[half], return_counts=True)[1] == 2).all()  # twins stay together
-    some = growth.kept(samples, bodies, "family", 0.5, seed=0)
+    some = growth.kept(samples, bodies, 0, "family", 0.5)
     counts = dict(zip(*np.unique(samples.family[some], return_counts=True), strict=True))
     assert len(counts) == 2
     assert all(count == (10 if family == "bar" else 12) for family, count in counts.items())
-    np.testing.assert_array_equal(growth.kept(samples, bodies, "object", 1.0, seed=3), bodies)
+    np.testing.assert_array_equal(growth.kept(samples, bodies, 3, "object", 1.0), bodies)
 
 
 def test_invented_bodies_are_closed_and_differ():
