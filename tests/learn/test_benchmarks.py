@@ -8,7 +8,9 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 torch = pytest.importorskip("torch", reason="torch is not installed (it belongs to the learning environment)")
@@ -18,6 +20,7 @@ sys.path.append(str(BENCHMARKS))  # behind the tests, whose modules may have the
 
 import gpu  # noqa: E402
 import gpu_parts  # noqa: E402
+import growth  # noqa: E402
 import loader  # noqa: E402
 import synthetic  # noqa: E402
 
@@ -75,6 +78,24 @@ def test_a_part_that_hangs_is_killed_and_keeps_what_it_found(setting):
     assert (found["first"], found["ended"]) == (1, "killed after 1 s")
     assert "second" not in found
     assert found["took_s"] < 10
+
+
+def test_a_share_of_the_objects_keeps_families_and_a_share_of_the_families_keeps_objects():
+    names = [f"{family}-{number}" for family in ("bar", "cup", "mug", "pan") for number in range(6)]
+    samples = SimpleNamespace(
+        object=np.repeat(names, 2), family=np.repeat([name.split("-")[0] for name in names], 2)
+    )
+    bodies = np.arange(2, 48)  # of the first family five objects
+    half = growth.kept(samples, bodies, 0, "object", 0.5)
+    assert {family: int((samples.family[half] == family).sum()) for family in set(samples.family)} == {
+        "bar": 4, "cup": 6, "mug": 6, "pan": 6,
+    }  # fmt: skip
+    assert (np.unique(samples.object[half], return_counts=True)[1] == 2).all()  # twins stay together
+    some = growth.kept(samples, bodies, 0, "family", 0.5)
+    counts = dict(zip(*np.unique(samples.family[some], return_counts=True), strict=True))
+    assert len(counts) == 2
+    assert all(count == (10 if family == "bar" else 12) for family, count in counts.items())
+    np.testing.assert_array_equal(growth.kept(samples, bodies, 3, "object", 1.0), bodies)
 
 
 def test_invented_bodies_are_closed_and_differ():

@@ -71,7 +71,8 @@ def test_a_model_overfits_eight_samples(data, tmp_path, task, model, monkeypatch
     }.get(f"{task} {model}", (120, 3e-3))
     asked = options(task, model, steps=steps, batch_size=8, learning_rate=rate, validate_every=0)
     made = task_at(*data, asked)
-    eight = made.sides["train"][:8]
+    # The hollow bodies here have the surfaces of the solid ones, and other spectra.
+    eight = made.sides["train"][:: 2 if task == "frequencies" else 1][:8]
     made.sides = dict.fromkeys(made.sides, eight)
     fixed = type(made).dataset
     monkeypatch.setattr(made, "dataset", lambda split: fixed(made, "validation"))  # nothing is drawn

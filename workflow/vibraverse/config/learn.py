@@ -200,8 +200,8 @@ class Learn(Section):
     """Benchmark tasks on the dataset: ``snakemake learn``."""
 
     preset: Literal["tiny", "cpu", "small", "paper"] = "cpu"
-    """Size of networks and length of training: ``tiny`` for tests, ``cpu`` for two cores and an hour, ``small`` for ten
-    minutes on a GPU, ``paper`` as published."""
+    """Size of networks and length of training: ``tiny`` for tests, ``cpu`` for real numbers from two cores, ``small``
+    for ten minutes on a GPU, ``paper`` as published."""
 
     seeds: list[Annotated[int, Field(ge=0)]] = Field(default_factory=lambda: [0, 1, 2], min_length=1)
     """One training each."""

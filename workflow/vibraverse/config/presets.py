@@ -9,8 +9,9 @@ PRESETS: dict[str, dict[str, dict]] = {
         "network": {"points": 512, "depth": 4, "width": 64, "layers": 2},
     },
     "cpu": {
-        "training": {"steps": 6000, "minutes": 20.0, "batch_size": 16, "validate_every": 250},
-        "network": {"points": 2048, "depth": 5, "width": 256, "layers": 3},
+        # Octrees of depth 4 take a third of the time that those of depth 5 take.
+        "training": {"steps": 2000, "minutes": 20.0, "batch_size": 16, "validate_every": 250},
+        "network": {"points": 2048, "depth": 4, "width": 256, "layers": 3},
     },
     "small": {
         "training": {"steps": 20_000, "minutes": 10.0, "batch_size": 128, "workers": 4},
@@ -24,13 +25,30 @@ PRESETS: dict[str, dict[str, dict]] = {
 
 #: What a preset sets otherwise for a task, or for one of its models.
 OWN_PRESETS: dict[str, dict[str, dict]] = {
+    # A small network that sees spectra alone: many cheap steps.
+    "frequencies/ritz": {
+        preset: {
+            "training": {
+                "batch_size": 32, "learning_rate": 4e-3, "weight_decay": 0.1, "schedule": "cosine",
+                "warmup_steps": 300, **own,
+            },
+            "network": {"width": 64, "layers": 5},
+        }
+        for preset, own in {
+            "cpu": {"steps": 6000}, "small": {"batch_size": 128}, "paper": {"steps": 20_000},
+        }.items()
+    },
+    # A step assembles and solves a problem of 147 unknowns for each body.
+    "frequencies/subspace": {"cpu": {"training": {"steps": 250, "batch_size": 2, "validate_every": 125}}},
     "reconstruction": {
         "tiny": {
             "training": {"batch_size": 4, "learning_rate": 1e-3, "schedule": "cosine", "warmup_steps": 5},
             "network": {"width": 128, "voxel_points": 512, "distances": 512, "cells": 24},
         },
         "cpu": {
-            "training": {"minutes": 60.0, "learning_rate": 5e-4, "schedule": "cosine", "warmup_steps": 200},
+            "training": {
+                "steps": 6000, "minutes": 60.0, "learning_rate": 5e-4, "schedule": "cosine", "warmup_steps": 200,
+            },
             "network": {"width": 128},
         },
         "small": {

@@ -128,7 +128,9 @@ class Samples:
 
     def _map(self, name: str) -> list[np.ndarray]:
         if name not in self._maps:
-            self._maps[name] = [np.load(folder / f"{name}.npy", mmap_mode="r") for folder in self.folders]
+            maps = (np.load(folder / f"{name}.npy", mmap_mode="r") for folder in self.folders)
+            # Rows of np.memmap itself take several times as long.
+            self._maps[name] = [np.asarray(one) for one in maps]
         return self._maps[name]
 
 

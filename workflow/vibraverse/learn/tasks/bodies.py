@@ -26,6 +26,7 @@ class Bodies:
                 for one in samples.materials.values()
             ]
         )
+        self._scaled = np.array([scaled_material(*one) for one in self.parameters], dtype=np.float32)
 
     def __len__(self) -> int:
         return len(self.bodies)
@@ -45,7 +46,7 @@ class Bodies:
         return number, {
             "body": np.int64(item["body"]),
             "material_number": np.int64(number),
-            "material": scaled_material(*self.parameters[number]).astype(np.float32),
+            "material": self._scaled[number],
             "scaled": scaled(frequencies).astype(np.float32),
         }
 
