@@ -6,7 +6,6 @@ import argparse
 import json
 import shlex
 from contextlib import suppress
-from itertools import product
 from pathlib import Path
 
 from vibraverse.contract import products
@@ -16,7 +15,7 @@ from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.step import option
 from vibraverse.contract.texts import advised, counted
 from vibraverse.dataset.schema import MAKING
-from vibraverse.flow.chain import objects_in, shards_in
+from vibraverse.flow.chain import shards_in
 from vibraverse.flow.paths import SOLIDITIES, Paths
 from vibraverse.flow.steps import BY_NAME
 from vibraverse.upkeep.lineage import Made, chain, jobs, logged, makers, needed, packed_jobs
@@ -88,10 +87,8 @@ def _results_of(file: Path) -> tuple[Paths, tuple[str, ...]]:
         return Paths(str(file.parent.parent.parent)), ("dataset", "shards", file.name)
     parts = file.parts
     for place in range(len(parts) - 2, -1, -1):
-        if parts[place] in ("objects", "dataset", "report") and parts[place - 2 : place] != (
-            "report",
-            "data",
-        ):
+        of_page = parts[place - 2 : place] == ("report", "data")
+        if parts[place] in ("objects", "dataset", "report") and not of_page:
             return Paths(str(Path(*parts[:place]))), parts[place:]
     if file.name == "verdict.json":
         return Paths(str(file.parent)), (file.name,)
@@ -137,22 +134,20 @@ def _of_dataset(
 
 def _of_page(paths: Paths, file: Path) -> tuple[list[Made], list[tuple[str, str]]]:
     """Return the jobs of the object or body that data of the page are about, and the page's job as text and command."""
-    for stage, wildcards in (("page_body", ("object", "solidity")), ("page_object", ("object",))):
-        for object_id, solidity in product(objects_in(paths), SOLIDITIES):
-            names = {"object": object_id, "solidity": solidity}
-            outputs = (output.pattern for output in BY_NAME[stage].outputs.values())
-            if file.name not in {Path(paths.named(one, **names)).name for one in outputs}:
-                continue
-            log = Path(paths.at(paths.log(stage, *wildcards), **names))
-            command = _logged_command(log, file)
-            if stage == "page_body":
-                about = needed(paths, object_id, solidity, "modes")
-            else:
-                about = [made for made in chain(jobs(paths, object_id)) if made.record.is_file()]
-            return about, [(f"{stage}\n    makes  {file}", command)]
-    raise UsageError(
-        f"{file} is about no object of {paths.results}; name a product, as in results/objects/ID/surface.ply"
-    )
+    object_id, _, rest = file.name.partition(".")  # ids hold no point
+    solidity = rest.split(".")[0]
+    if not Path(paths.at(paths.object, object=object_id)).is_dir():
+        raise UsageError(
+            f"{file} is about no object of {paths.results}; name a product, as in results/objects/ID/surface.ply"
+        )
+    if solidity in SOLIDITIES:
+        stage, log = "page_body", paths.log("page_body", "object", "solidity")
+        about = needed(paths, object_id, solidity, "modes")
+    else:
+        stage, log = "page_object", paths.log("page_object", "object")
+        about = [made for made in chain(jobs(paths, object_id)) if made.record.is_file()]
+    command = _logged_command(Path(paths.at(log, object=object_id, solidity=solidity)), file)
+    return about, [(f"{stage}\n    makes  {file}", command)]
 
 
 def _logged_command(log: Path, file: Path) -> str:
