@@ -111,11 +111,11 @@ class Shapes(Drawn):
         samples, body = self.items.samples, item["body"]
         number, values = self.items.of_material(item, random)
         values |= {name: np.array(samples.row(name, body)) for name in self.spectra}
+        if self.points:
+            values |= self._points(body, random)
         poisson = self.items.parameters[number, 2]
         if random is not None:
             poisson = random.uniform(samples.poisson[0], samples.poisson[-1])
-        if self.points:
-            values |= self._points(body, random)
         return values | {
             "invariants": np.log(samples.row("invariants", body)),
             "poisson": np.float32(poisson),
