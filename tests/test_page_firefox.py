@@ -14,7 +14,7 @@ import page_files
 from browsers import served
 from page_files import OBJECT
 from page_views import OFFLINE, at, loudest_hz, texts, wait
-from test_front import bundle  # noqa: F401
+from test_front import prefix  # noqa: F401
 from vibraverse.report import library
 
 MODELLED = "return Boolean(objectView.state && objectView.state.modelled)"
@@ -31,10 +31,10 @@ def results(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def page(results, tmp_path_factory, bundle):  # noqa: F811
+def page(results, prefix):  # noqa: F811
     """A page of 300 invented objects that also has the data of a real one."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(library, "bundle", lambda: bundle)
+        patched.setattr(library, "PREFIX", prefix)
         return make_page.write(Path(results.page_object).parents[2], make_page.invented(300))
 
 

@@ -14,7 +14,7 @@ import browsers
 import page_files
 from page_files import OBJECT
 from page_views import OFFLINE, loudest_hz
-from test_front import bundle  # noqa: F401
+from test_front import bundle, prefix  # noqa: F401
 from vibraverse.report import library, shell
 
 _SHELL = """<!doctype html><html lang="en" data-theme="light"><meta charset="utf-8"><title>x</title>
