@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import h5py
 import numpy as np
 import pytest
 
 import firefox
-import make_page
 import page_files
 from browsers import served
 from page_files import OBJECT
@@ -32,10 +29,9 @@ def results(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def page(results, prefix):  # noqa: F811
-    """A page of 300 invented objects that also has the data of a real one."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(library, "PREFIX", prefix)
-        return make_page.write(Path(results.page_object).parents[2], make_page.invented(300))
+        return page_files.page(results)
 
 
 @pytest.fixture(scope="module")
