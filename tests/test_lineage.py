@@ -71,6 +71,31 @@ def test_what_is_wrong_is_said_deleted_and_planned_again(run, vibraverse, broken
     assert planned["report"] == planned["verdict"] == planned["index"] == 1
 
 
+@pytest.mark.parametrize(
+    ("broken", "made_by", "jobs"),
+    [
+        ("bar-0000.hollow.js", "page_body of bar-0000 (hollow)", {"page_body": 1, "page_object": 1}),
+        ("bar-0000.solid.json", "page_body of bar-0000 (solid)", {"page_body": 1, "page_object": 1}),
+        ("bar-0000.webp", "page_object of bar-0000", {"page_body": None, "page_object": 1}),
+    ],
+)
+def test_wrong_data_of_the_page_are_said_deleted_and_planned_again(run, vibraverse, broken, made_by, jobs):
+    """Nothing but the page is made from them, so no shard is made again."""
+    results = run.folder / "results"
+    path = results / "report/data/objects" / broken
+    rot(path)
+    status, out, _ = vibraverse("repair", "--results", results)
+    assert status == 1
+    assert out.startswith(f"{path}: it")
+    assert f"\n    made by {made_by}, with" in out
+    assert out.count("made by") == 1
+    assert vibraverse("repair", "--results", results, "--delete")[0] == 0
+    assert not path.exists()
+    planned = run.plan()[0]
+    expected = {**jobs, "report": 1, "dataset": None, "modes": None, "audio": None}
+    assert {name: planned.get(name) for name in expected} == expected
+
+
 def test_a_repair_begins_with_the_last_products_and_goes_down_the_chain(tmp_path, vibraverse, monkeypatch):
     """Stopped anywhere, it leaves a run that remakes the deleted products, or a wrong file that later ones reveal."""
     paths = make_products.build(tmp_path)

@@ -13,7 +13,7 @@ from vibraverse.contract.texts import advised, and_more, counted
 from vibraverse.flow.chain import objects_in, shards_in
 from vibraverse.flow.paths import Paths
 from vibraverse.machine import locks
-from vibraverse.upkeep.rebuild import in_order, packed_products, wrong_dataset, wrong_products
+from vibraverse.upkeep.rebuild import in_order, packed_products, wrong_dataset, wrong_page, wrong_products
 
 #: Wrong products that are printed.
 _SHOWN_PRODUCTS = 50
@@ -25,8 +25,9 @@ def main(argv: list[str]) -> int:
         prog="vibraverse repair",
         parents=[run_arguments()],
         description="Say which products are not as they were made: those of the objects, by the checksums that later "
-        "ones state, and the dataset's files, as `vibraverse check` does. Reads everything once. With --delete these "
-        "products are deleted, and the next run of the workflow rebuilds them and what depends on them.",
+        "ones state, the dataset's files, as `vibraverse check` does, and the objects' data on the page. Reads "
+        "everything once. With --delete these products are deleted, and the next run of the workflow rebuilds them and "
+        "what depends on them.",
     )
     parser.add_argument("--delete", action="store_true", help="delete them; run the workflow afterwards")
     chosen = parser.parse_args(argv)
@@ -73,4 +74,5 @@ def _wrong(paths: Paths, objects: list[str], has_dataset: bool) -> list:
         packed.update({name: (held, at) for name, held in (packed_products(shard) or {}).items()})
     for object_id in objects:
         found += wrong_products(paths, object_id, *packed.get(object_id, ({}, 0.0)))
+        found += wrong_page(paths, object_id)
     return found

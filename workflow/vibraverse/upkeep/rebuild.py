@@ -16,7 +16,8 @@ from typing import NamedTuple
 from vibraverse.contract import products
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.flow.chain import shards_in
-from vibraverse.flow.paths import Paths
+from vibraverse.flow.page import PAGE_STEPS
+from vibraverse.flow.paths import SOLIDITIES, Paths
 from vibraverse.flow.steps import BY_NAME
 from vibraverse.upkeep.lineage import Made, after, jobs, makers
 
@@ -104,6 +105,32 @@ def wrong_products(paths: Paths, object_id: str, packed: dict[str, str], packed_
         path = folder / name
         if path in made_by and _changed(path, right, packed_at, digest):
             yield from report(made_by[path], path, "it is not what its shard was made from")
+
+
+def wrong_page(paths: Paths, object_id: str) -> Iterator[Wrong]:
+    """Yield the data of an object on the page that changed after they were written, by the records beside them.
+
+    No shard holds them, so no object is named that would have its shard made again.
+    """
+    page_body, page_object = PAGE_STEPS
+    last = Made(paths, page_object, object_id)
+    read = last.provenance.get("input_sha256", {}).get("page_body_record", {})
+    for made in (*(Made(paths, page_body, object_id, one) for one in SOLIDITIES), last):
+        if not made.record.is_file() or read_refusal(made.record):
+            continue
+        anew = [place for place in dict.fromkeys([*made.places, *last.places]) if place.exists()]
+        if not made.provenance:
+            yield Wrong(made.record, "its provenance cannot be read", str(made), anew)
+            continue
+        right = read.get(made.record.name)
+        if right and _changed(made.record, right, last.record.stat().st_mtime, products.sha256):
+            yield Wrong(made.record, f"it is not what {last} was made from", str(made), anew)
+            continue
+        for name, right in made.provenance["output_sha256"].items():
+            path = made.place(name)
+            if path.is_file() and products.sha256(path) != right:
+                yield Wrong(path, f"it is not what {made.step.name} wrote", str(made), anew)
+                break  # one is enough to make all of them again
 
 
 def _changed(path: Path, right: str, used_at: float, digest) -> bool:
