@@ -133,8 +133,8 @@ def _sentence(found: Answer, verdict: str, error: float) -> str:
         if error > _MAX_ERROR:
             return (
                 f"Nothing fits: {count}, {how} ({chance}). These elements are off by some "
-                f"{100 * error:.1f} % (at most {100 * _MAX_ERROR:g} %), which hides any match. Raise --elements, or use "
-                "--order 2."
+                f"{100 * error:.1f} % (at most {100 * _MAX_ERROR:g} %), which hides any match. Raise --elements, or "
+                "use --order 2."
             )
         return (
             f"Nothing fits: {count}, {how} ({chance}). The mesh is not the body that was recorded, or its wall or its "
