@@ -12,12 +12,18 @@ from __future__ import annotations
 MAX_TIMES_TARGET = 8.0
 
 
-def cautions(count: int, target: float) -> list[str]:
-    """Return the warnings about ``count`` tetrahedra where ``target`` were asked for."""
-    times = count / target
-    if times <= MAX_TIMES_TARGET:
-        return []
-    return [
-        f"{count} tetrahedra, {times:.1f} times tets.target_elements (at most {MAX_TIMES_TARGET:g}): sheets of the "
-        "surface are too close for larger elements. Simplify the mesh, or leave this body out."
-    ]
+def cautions(count: int, target: float, table: dict) -> list[str]:
+    """Return the warnings about ``count`` tetrahedra where ``target`` were asked for; ``table`` is their quality."""
+    found, times = [], count / target
+    if times > MAX_TIMES_TARGET:
+        found.append(
+            f"{count} tetrahedra, {times:.1f} times tets.target_elements (at most {MAX_TIMES_TARGET:g}): sheets of the "
+            "surface are too close for larger elements. Simplify the mesh, or leave this body out."
+        )
+    if "wrap" in table:
+        found.append(
+            f"nothing filled the surface as it is, so it was wrapped at {100 * table['wrap']['radius']:g} % of the "
+            f"diagonal, which changed the volume by {100 * table['accuracy']['volume_change']:+.2g} % and closed "
+            "narrow gaps. Mend the mesh in an editor if they matter."
+        )
+    return found
