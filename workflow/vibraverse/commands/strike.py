@@ -43,6 +43,8 @@ _OVERRIDES = {
     "alpha_per_s": "alpha",
     "beta_s": "beta",
 }
+#: What the facts quote of the tetrahedra's quality table: the recipe, and what it changed.
+_MESHING = ("algorithm", "ridge_deg", "wrap", "accuracy")
 #: Modes that are printed with a page.
 _SHOWN_MODES = 10
 #: Configuration keys and the options that set them.
@@ -248,6 +250,7 @@ class _Strike:
             "mass_kg": mass_kg,
             "vertices": tets["vertices"],
             "tetrahedra": tets["tetrahedra"],
+            "meshing": {key: tets["quality"][key] for key in _MESHING if key in tets["quality"]},
             "order": self.mesh.options["basis"].order,
             "frequencies_hz": frequencies.tolist(),
             "damping_per_s": damping.tolist(),

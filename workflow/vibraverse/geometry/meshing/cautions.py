@@ -6,13 +6,16 @@ matter (:mod:`vibraverse.physics.cautions`), and mostly they do not.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 #: Largest number of elements without a warning, in multiples of ``target_elements``. Thin walls alone need twice the
 #: target, and close sheets up to four times, which costs the basis a minute. At eight times the basis takes several
 #: minutes and its factors gigabytes; then it pays to simplify the surface or to leave the body out.
 MAX_TIMES_TARGET = 8.0
 
 
-def cautions(count: int, target: float, table: dict) -> list[str]:
+def cautions(count: int, target: float, table: Mapping = MappingProxyType({})) -> list[str]:
     """Return the warnings about ``count`` tetrahedra where ``target`` were asked for; ``table`` is their quality."""
     found, times = [], count / target
     if times > MAX_TIMES_TARGET:

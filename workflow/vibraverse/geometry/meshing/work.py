@@ -42,7 +42,7 @@ class Work:
     def check(self) -> None:
         """Raise :class:`Spent` if the limit has been reached; call it before a mesher begins."""
         if self.done >= self._until:
-            raise Spent(f"given up after handling {self.done:.3g} triangles, because sheets are too close")
+            raise Spent(f"given up after handling {self.done:.0f} triangles, because sheets are too close")
 
     def add(self, count: float, each: float = REMESHED) -> None:
         """Count triangles or tetrahedra that a mesher handled, with the work of ``each``."""
