@@ -30,6 +30,7 @@ from vibraverse.geometry.meshing import remesh as remesh_module
 from vibraverse.geometry.meshing import sizes as sizes_module
 from vibraverse.geometry.meshing import tets as tets_module
 from vibraverse.geometry.meshing.accuracy import accuracy
+from vibraverse.geometry.meshing.cautions import of_wrap
 from vibraverse.geometry.meshing.sizes import Body
 from vibraverse.geometry.meshing.tets import mesh_body, tetrahedralise
 from vibraverse.geometry.meshing.work import Spent, Work
@@ -159,8 +160,11 @@ def test_what_nothing_fills_is_wrapped_and_the_record_and_a_warning_say_so(monke
     assert change == pytest.approx(true, rel=0.01)
     assert 0 < abs(change) < 0.05
     assert 0 < mesh.quality["accuracy"]["mesh_to_surface"] < 0.02
-    assert len(mesh.warnings) == 1
-    assert "it was wrapped at 1 % of the diagonal, which changed the volume by" in mesh.warnings[0]
+    assert of_wrap({}) == []
+    assert (
+        f"it was wrapped at 1 % of the diagonal, which changed the volume by {100 * change:+.2g} %"
+        in " ".join(of_wrap(mesh.quality))
+    )
     with pytest.raises(Refused, match=r"Wrapping: tets\.max_wrap_change is 0"):
         mesh_body(*given, Tets(target_elements=1_000, max_wrap_change=0))
 

@@ -216,6 +216,7 @@ class _Strike:
     def _facts(self, modes_path: Path, clean: dict, tets: dict, rendered: dict) -> dict:
         import h5py
 
+        from vibraverse.geometry.meshing.cautions import of_wrap
         from vibraverse.physics.cautions import cautions as of_modes
 
         with h5py.File(modes_path) as h5:
@@ -228,7 +229,7 @@ class _Strike:
         if struck_at is not None:
             struck_at = [x / clean["scale"] + c for x, c in zip(struck_at, clean["centre"], strict=True)]
         warnings = surface_warnings(clean)
-        said = [f"tets: {sentence}" for sentence in tets["warnings"]]
+        said = [f"tets: {sentence}" for sentence in tets["warnings"] + of_wrap(tets["quality"])]
         said += [f"modes: {sentence}" for sentence in of_modes([element_error])]
         flag = FLAGS["target_elements"]
         warnings += [sentence.replace("tets.target_elements", flag) for sentence in said]

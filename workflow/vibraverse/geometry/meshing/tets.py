@@ -277,7 +277,7 @@ def _checked(
         "layers": _layers(*surface),
         "accuracy": accuracy(demands.given, surface),
     }
-    return TetMesh(*ordered(points, cells), table, cautions(len(cells), demands.elements, table))
+    return TetMesh(*ordered(points, cells), table, cautions(len(cells), demands.elements))
 
 
 def _layers(points: np.ndarray, triangles: np.ndarray) -> dict:
