@@ -72,10 +72,15 @@ class TooMany(RuntimeError):
 
 
 class Body:
-    """The surface of a body, with cached values, for about ``elements`` tetrahedra and never above ``most``."""
+    """The surface of a body, with cached values, for about ``elements`` tetrahedra and never above ``most``.
 
-    def __init__(self, vertices: np.ndarray, faces: np.ndarray, elements: float, most: float):
-        self.surface, self.most, self.work = (vertices, faces), most, Work(most)
+    What its recipes do is counted in ``work``.
+    """
+
+    def __init__(
+        self, vertices: np.ndarray, faces: np.ndarray, elements: float, most: float, work: Work | None = None
+    ):
+        self.surface, self.most, self.work = (vertices, faces), most, work or Work(most)
         self.volume, self.area = surfaces.volume(vertices, faces), surfaces.area(vertices, faces)
         self.thickness = 2 * self.volume / self.area
         #: The first size tried.

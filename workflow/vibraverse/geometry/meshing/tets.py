@@ -27,7 +27,7 @@ from vibraverse.geometry.meshing.envelope import ENVELOPES, fill_within
 from vibraverse.geometry.meshing.fill import ALGORITHMS, fill, ordered
 from vibraverse.geometry.meshing.remesh import SheetsMeet
 from vibraverse.geometry.meshing.sizes import Body, search_size
-from vibraverse.geometry.meshing.work import OPTIMISED
+from vibraverse.geometry.meshing.work import OPTIMISED, Work
 from vibraverse.geometry.meshing.wrapped import WRAPS, wrapped
 
 #: The recipes in the order of trial: ridges stay sharp if the normal turns by more than this many degrees.
@@ -161,9 +161,11 @@ class _Demands:
         return cls((vertices, faces), elements, most, enclosed, max_change, min_dihedral_deg, max_wrap_change)
 
 
-def _by_recipes(vertices: np.ndarray, faces: np.ndarray, demands: _Demands) -> TetMesh:
+def _by_recipes(
+    vertices: np.ndarray, faces: np.ndarray, demands: _Demands, work: Work | None = None
+) -> TetMesh:
     """Return the mesh of the first recipe that gives a valid one; raise :class:`Refused` if none does."""
-    body = Body(vertices, faces, demands.elements, demands.most)
+    body = Body(vertices, faces, demands.elements, demands.most, work)
     size, met = body.size, False
     complaints: list[str] = []
     for body.yielding, ridge_deg in product((False, True), RIDGES_DEG):
@@ -214,23 +216,23 @@ def _within_envelope(vertices: np.ndarray, faces: np.ndarray, demands: _Demands)
 
 def _by_wraps(vertices: np.ndarray, faces: np.ndarray, demands: _Demands) -> TetMesh:
     """Return a mesh of the wrapped surface, whose volume may differ a little; raise :class:`Refused` without one."""
-    complaints = []
+    complaints, work = [], Work(demands.most)
     for radius, offset in WRAPS if demands.max_wrap_change else ():
+        if work.exhausted:
+            break
         try:
             surface = wrapped(vertices, faces, radius, offset, demands.max_wrap_change)
         except Refused as refused:
             complaints.append(refused.message.rstrip("."))
             continue
-        for way in (_by_recipes, _within_envelope):
+        wanted = replace(demands, volume=surfaces.volume(*surface))
+        for way, *more in ((_by_recipes, work), (_within_envelope,)):
             try:
-                mesh = way(*surface, replace(demands, volume=surfaces.volume(*surface)))
+                mesh = way(*surface, wanted, *more)
             except Refused as refused:
                 complaints.append(refused.message.rstrip("."))
             else:
-                table = {**mesh.quality, "wrap": {"radius": radius, "offset": offset}}
-                return replace(
-                    mesh, quality=table, warnings=cautions(len(mesh.cells), demands.elements, table)
-                )
+                return replace(mesh, quality={**mesh.quality, "wrap": {"radius": radius, "offset": offset}})
     raise _failed("Wrapping", complaints or ["tets.max_wrap_change is 0"])
 
 

@@ -13,9 +13,8 @@ REMESHED = 1.0
 FITTED = 4.0
 #: Work of a tetrahedron that gmsh makes, and of one that its optimisers improve, too.
 FILLED, OPTIMISED = 1.0, 4.0
-#: Limits on the work of a recipe and of all recipes, per tetrahedron that a body may have. The heaviest bodies that
-#: come out well take a third of the first.
-_RECIPE_LIMIT, _TOTAL_LIMIT = 15.0, 40.0
+#: Limits on the work of a recipe and of all recipes, per tetrahedron that a body may have.
+_RECIPE_LIMIT, _TOTAL_LIMIT = 15.0, 25.0
 
 
 class Spent(RuntimeError):

@@ -18,6 +18,8 @@ from vibraverse.geometry.distance.deviation import deviation
 
 #: Wrap radii and distances from the surface as shares of the diagonal, gentlest first.
 WRAPS = ((0.01, 0.002), (0.02, 0.003), (0.04, 0.004))
+#: Largest radius of a wrap as a share of its shell's own diagonal, for small cavities.
+_MAX_RADIUS = 0.2
 #: Largest distance of the surface from the wrapped body, as a share of the diagonal, and the largest share of the
 #: wrapped area that lies farther from the surface than that.
 _MAX_LOST, _MAX_INVENTED = 0.01, 0.1
@@ -30,17 +32,20 @@ def wrapped(vertices: np.ndarray, faces: np.ndarray, radius: float, offset: floa
     Raises :class:`Refused` with reason ``meshing_failed`` if a wrap is no solid, cuts another one, or leaves the
     bounds on volume and distance.
     """
+    from pymeshlab import PyMeshLabException
+
     diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
     shells = []
     for points, triangles in surfaces.components(vertices, faces):
         inward = surfaces.volume(points, triangles) < 0
         triangles = triangles[:, ::-1] if inward else triangles
         share = diagonal / float(np.linalg.norm(np.ptp(points, axis=0)))
-        shell = max(
-            surfaces.components(*repair.wrap(points, triangles, radius * share, offset * share)),
-            key=lambda piece: surfaces.volume(*piece),
-            default=None,
-        )
+        share = min(share, _MAX_RADIUS / radius)
+        try:
+            pieces = surfaces.components(*repair.wrap(points, triangles, radius * share, offset * share))
+        except PyMeshLabException as error:
+            raise _refused(radius, f"failed: {str(error).splitlines()[-1].strip()}") from None
+        shell = max(pieces, key=lambda piece: surfaces.volume(*piece), default=None)
         if shell is None:
             raise _refused(radius, "has nothing inside")
         shell = draw_in(*shell, offset * diagonal, (points, triangles))
