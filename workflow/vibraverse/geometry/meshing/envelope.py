@@ -80,8 +80,8 @@ def _given(vertices: np.ndarray, faces: np.ndarray, envelope: float) -> Mesh:
     if len(given[1]) > _MAX_TRIANGLES:
         raise Refused(
             "meshing_failed",
-            f"the surface keeps {len(given[1])} triangles within an envelope of {envelope:.2g}, more than "
-            f"{_MAX_TRIANGLES}.",
+            f"fTetWild takes up to {_MAX_TRIANGLES} triangles, and the surface keeps {len(given[1])} within an "
+            f"envelope of {envelope:.2g}.",
             "Simplify the mesh.",
         )
     return given

@@ -29,7 +29,7 @@ def wrapped(vertices: np.ndarray, faces: np.ndarray, radius: float, offset: floa
     """Return a closed surface (V, 3), (F, 3) with every shell wrapped, outermost and cavities alike.
 
     ``radius`` and ``offset`` are shares of the diagonal, ``max_change`` is the largest relative change of the volume.
-    Raises :class:`Refused` with reason ``meshing_failed`` if a wrap is no solid, cuts another one, or leaves the
+    Raises :class:`Refused` with reason ``meshing_failed`` if a wrap bounds no solid, cuts another one, or leaves the
     bounds on volume and distance.
     """
     from pymeshlab import PyMeshLabException
@@ -52,7 +52,7 @@ def wrapped(vertices: np.ndarray, faces: np.ndarray, radius: float, offset: floa
         try:
             judge(*shell)
         except Unfit as unfit:
-            raise _refused(radius, f"is no solid: {unfit}") from None
+            raise _refused(radius, f"does not bound a solid: {unfit}") from None
         shells.append((shell[0], shell[1][:, ::-1]) if inward else shell)
     body = surfaces.joined(shells)
     if len(shells) > 1 and crossing_faces(*body).any():
