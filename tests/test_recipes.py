@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-import gc
 import json
 import os
 import signal
-import struct
 import time
-from multiprocessing.connection import Connection
 
 import numpy as np
 import pytest
@@ -86,15 +83,14 @@ def test_hopeless_recipes_end_by_counts(monkeypatch):
     assert len(counts[0]) == 2
 
 
-def test_a_body_never_gets_more_elements_than_it_may():
-    film = shapes.hollow_ball(0.9, 0.86, subdivisions=4)
-    with pytest.raises(
-        Refused, match=r"the body takes \d+ tetrahedra; at most 1200 are allowed|surface would have"
-    ):
-        tets_module._by_recipes(*film, demands(film, 200, 1_200))
-    box, points, cells = shapes.box(), np.eye(4, 3), np.tile([[0, 1, 2, 3]], (7, 1))
+def test_a_body_never_gets_more_elements_than_it_may(monkeypatch):
+    ball, box = shapes.ball(0.5), shapes.box()
+    points, cells = np.eye(4, 3), np.tile([[0, 1, 2, 3]], (7, 1))
     with pytest.raises(Refused, match="the body takes 7 tetrahedra; at most 6 are allowed"):
         tets_module._checked(points, cells, box, demands(box, 2, 1), {})
+    monkeypatch.setattr(sizes_module, "fill", lambda *surface, optimise: (points, np.tile(cells, (1_000, 1))))
+    with pytest.raises(Refused, match="the body takes 7210 tetrahedra; at most 1200 are allowed"):
+        tets_module._by_recipes(*ball, demands(ball, 400, 1))
 
 
 def test_the_limit_of_elements_follows_the_target():
@@ -138,8 +134,8 @@ def test_a_wrap_keeps_cavities_and_bounds_what_changes():
     assert surfaces.volume(*surface) == pytest.approx(surfaces.volume(*given), rel=0.05)
     with pytest.raises(Refused, match=r"changes the volume by .* %, at most 0.001 % are allowed"):
         wrapped(*given, 0.02, 0.003, 1e-5)
-    film = shapes.hollow_ball(0.9, 0.895, 4)
-    with pytest.raises(Refused, match="a wrap at 2 % of the diagonal"):
+    film = shapes.hollow_ball(0.9, 0.8999, 3)
+    with pytest.raises(Refused, match="a wrap at 2 % of the diagonal makes a cavity cut the outside"):
         wrapped(*film, 0.02, 0.003, 0.05)
 
 
@@ -151,7 +147,7 @@ def test_what_nothing_fills_is_wrapped_and_the_record_and_a_warning_say_so(monke
 
     monkeypatch.setattr(tets_module, "_by_recipes", only_others)
     monkeypatch.setattr(tets_module, "_within_envelope", refuse)
-    mesh = mesh_body(*given, Tets(target_elements=1_000))
+    mesh = tetrahedralise(*given, 1_000)
     assert mesh.quality["wrap"] == {"radius": 0.01, "offset": 0.002}
     change = mesh.quality["accuracy"]["volume_change"]
     true = tets_module.quality.volumes(mesh.points, mesh.cells).sum() / surfaces.volume(*given) - 1
@@ -164,7 +160,7 @@ def test_what_nothing_fills_is_wrapped_and_the_record_and_a_warning_say_so(monke
         in " ".join(of_wrap(mesh.quality))
     )
     with pytest.raises(Refused, match=r"Wrapping: tets\.max_wrap_change is 0"):
-        mesh_body(*given, Tets(target_elements=1_000, max_wrap_change=0))
+        tetrahedralise(*given, 1_000, max_wrap_change=0)
 
 
 def test_the_record_says_what_meshing_cost():
@@ -187,13 +183,6 @@ def said(number: int) -> int:
     return number // 2
 
 
-def half():
-    """Send half of an answer and end, as a child does that is killed while it answers."""
-    sender = next(one for one in gc.get_objects() if isinstance(one, Connection) and one.writable)
-    os.write(sender.fileno(), struct.pack("!i", 1_000) + b"half")
-    os._exit(3)
-
-
 def kill(*arguments):
     os.kill(os.getpid(), signal.SIGKILL)
 
@@ -211,21 +200,6 @@ def test_reports_of_a_child_reach_whoever_listens(capsys):
     assert capsys.readouterr().err == "half of 6\n"
 
 
-@pytest.mark.parametrize(
-    ("function", "reason", "words"),
-    [
-        (kill, "limit", "it was killed from outside, as the system does when the machine's memory runs out."),
-        (half, "meshing_failed", "it crashed (exit status 3)."),
-        (hang, "limit", "it was stopped when it had stood still for 2 s."),
-    ],
-)
-def test_a_tool_that_is_killed_or_hangs_or_sends_half_an_answer_is_refused(function, reason, words):
-    with pytest.raises(Refused) as refused:
-        run_limited(function, seconds=2, memory_mb=500, what="it")
-    assert (refused.value.reason, refused.value.message) == (reason, words)
-    assert refused.value.advice
-
-
 def test_a_mesher_that_is_killed_leaves_the_body_to_the_next(monkeypatch, capsys):
     monkeypatch.setattr(tets_module, "_by_recipes", kill)
     assert mesh_body(*shapes.box(), Tets(target_elements=300)).quality["algorithm"] == "ftetwild"
@@ -233,22 +207,22 @@ def test_a_mesher_that_is_killed_leaves_the_body_to_the_next(monkeypatch, capsys
 
 
 @pytest.mark.parametrize(
-    ("end", "words"), [(kill, "was killed from outside"), (hang, "had stood still for 1 s")]
+    ("end", "seconds", "words"), [(kill, 300, "was killed from outside"), (hang, 2, "was stopped")]
 )
-def test_meshers_that_all_end_badly_leave_no_half_written_product(tmp_path, monkeypatch, end, words):
+def test_meshers_that_all_end_badly_leave_no_half_written_product(tmp_path, monkeypatch, end, seconds, words):
     for way in ("_by_recipes", "_within_envelope", "_by_wraps"):
         monkeypatch.setattr(tets_module, way, end)
     surface = tmp_path / "surface.ply"
     meshes.write_ply(surface, *shapes.box())
-    final = {name: tmp_path / f"out/tets.{end}" for name, end in (("tets", "msh"), ("record", "json"))}
-    options = Tets(limits={"seconds": 1})
+    final = {"tets": tmp_path / "out/tets.msh", "record": tmp_path / "out/tets.json"}
+    options = Tets(limits={"seconds": seconds})
     job = Job(BY_NAME["tets"], "mine", "solid", {"surface": surface}, final, options)
     run(job, stage.run, ["vibraverse", "tets"])
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["tets.json", "tets.msh"]
     for path in final.values():
         refusal = read_refusal(path)
-        assert all(f"{tool} was" in refusal.message for tool in ("gmsh with Mmg", "fTetWild", "Wrapping"))
-        assert words in refusal.message
+        for tool in ("gmsh with Mmg", "fTetWild", "Wrapping"):
+            assert f"{tool} {words}" in refusal.message
 
 
 def test_the_log_of_the_stage_says_how_the_recipes_go(vibraverse, tmp_path):

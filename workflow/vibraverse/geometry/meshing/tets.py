@@ -182,9 +182,6 @@ def _by_recipes(
         size = trials[0].size
         # Another size with the same ridges changes the body less than another recipe.
         for trial, algorithm in product(trials[:_MAX_CANDIDATES], ALGORITHMS):
-            if body.work.exhausted:
-                break
-            body.work.add(trial.count, OPTIMISED)
             try:
                 filled = fill(trial.points, trial.triangles, algorithm)
                 recipe = {"ridge_deg": ridge_deg, "algorithm": algorithm, "wanted": round(trial.wanted)}
@@ -192,6 +189,9 @@ def _by_recipes(
             except Refused as refused:
                 report(f"{algorithm}: {refused.message}")
                 complaints.append(refused.message.rstrip("."))
+            body.work.add(trial.count, OPTIMISED)
+            if body.work.exhausted:
+                break
     raise _failed("gmsh with Mmg", complaints)
 
 
