@@ -259,11 +259,13 @@ def test_a_mesher_that_crashes_leaves_the_body_to_the_next(monkeypatch):
 def test_a_body_that_nothing_fills_is_refused_with_what_each_tool_said(monkeypatch):
     monkeypatch.setattr(tets_module, "_by_recipes", crash)
     monkeypatch.setattr(tets_module, "_within_envelope", refuse)
+    monkeypatch.setattr(tets_module, "_by_wraps", crash)
     with pytest.raises(Refused) as caught:
         mesh_body(*shapes.box(), Tets(target_elements=500))
     assert caught.value.reason == "meshing_failed"
     assert re.match(
-        r"Nothing filled .* gmsh with Mmg crashed \(SIGSEGV\)\. fTetWild: .*close\.$", caught.value.message
+        r"Nothing filled .* gmsh with Mmg crashed \(SIGSEGV\)\. fTetWild: .*close\. Wrapping crashed \(SIGSEGV\)\.$",
+        caught.value.message,
     )
     assert "Repair or simplify the mesh" in caught.value.advice
 
