@@ -30,7 +30,9 @@ def kill() -> None:
 
 def half() -> None:
     """Send half of an answer and end, as a child does that is killed while it answers."""
-    sender = next(one for one in gc.get_objects() if isinstance(one, Connection) and one.writable)
+    sender = next(
+        one for one in gc.get_objects() if isinstance(one, Connection) and not one.closed and one.writable
+    )
     os.write(sender.fileno(), struct.pack("!i", 1_000) + b"half")
     os._exit(3)
 
