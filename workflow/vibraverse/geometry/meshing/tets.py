@@ -93,7 +93,7 @@ def tetrahedralise(
     target_elements: int = 5000,
     max_volume_change: float = 0.005,
     min_dihedral_deg: float = 0.1,
-    max_elements: int = 24_000,
+    max_elements: int = 16_000,
     max_wrap_change: float = 0.05,
 ) -> TetMesh:
     """Fill a closed, oriented, manifold surface with about ``target_elements`` tetrahedra.
