@@ -22,6 +22,8 @@ from vibraverse.geometry.meshing.sizes import thinned
 
 #: Distances of the envelope tried, as shares of the mean thickness 2V/A. The first leaves few elements.
 ENVELOPES = (0.1, 0.03)
+#: Largest distance of the envelope as a share of the diagonal; thick bodies would lose features beyond it.
+_MAX_ENVELOPE = 0.004
 #: fTetWild takes some 0.4 ms for each triangle of its surface. One with more triangles than the first number is
 #: thinned by these shares of the envelope in turn until it has fewer. One that keeps more than the second is refused.
 _DENSE_TRIANGLES, _MAX_TRIANGLES, _THINNING_SHARES = 5_000, 40_000, (0.1, 0.3)
@@ -36,11 +38,14 @@ def fill_within(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return points (N, 3) and positively oriented tetrahedra (T, 4) inside a closed surface (V, 3), (F, 3).
 
-    Elements are about ``size`` where the surface allows it, which stays within ``envelope``. Raises :class:`Refused`
-    with reason ``meshing_failed`` if nothing is left inside, or if the surface has too many triangles.
+    Elements are about ``size`` where the surface allows it, which stays within ``envelope``, or within 0.4 % of the
+    diagonal if that is less. Raises :class:`Refused` with reason ``meshing_failed`` if nothing is left inside, or if
+    the surface has too many triangles.
     """
     from pytetwild import tetrahedralize
 
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    envelope = min(envelope, _MAX_ENVELOPE * diagonal)
     given, given_faces = _given(vertices, faces, envelope)
     # fTetWild leaves a file in the working folder.
     with tempfile.TemporaryDirectory(prefix="vibraverse-") as folder, contextlib.chdir(folder):
