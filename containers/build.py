@@ -70,11 +70,11 @@ def stage(family: str, folder: Path) -> Path:
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         shutil.copy2(containers.PROJECT / path, folder / path)
     (folder / "README.md").touch()  # pyproject.toml asks for one
-    bundle = Path(
+    made = Path(
         sys.prefix, "share/vibraverse"
-    )  # the library of pages, which a build may not be able to fetch
-    if bundle.is_dir():
-        shutil.copytree(bundle, folder / "share/vibraverse")
+    )  # what pages consist of, which a build may not be able to make
+    if made.is_dir():
+        shutil.copytree(made, folder / "share/vibraverse")
     return folder
 
 

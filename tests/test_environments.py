@@ -125,7 +125,7 @@ case "$*" in
 "-V") echo "Python 3.11.2" ;;
 "-m venv "*) mkdir -p "$3/bin" && cp "$STUBS/python3" "$3/bin/python" && cp "$STUBS/uv" "$3/bin/uv" ;;
 "-m pip config list") echo "$PIP_SAYS" ;;
-"envs/front.py") mkdir -p venv/share/vibraverse && cp front.sum venv/share/vibraverse/three.sha256 ;;
+"envs/front.py") mkdir -p venv/share/vibraverse && cp front.sum venv/share/vibraverse/front.sha256 ;;
 esac
 """
 _UV = """#!/usr/bin/env bash
@@ -162,9 +162,12 @@ class Sandbox:
         for name in ("env.sh", "system.sh", "post-deploy.sh", "bootstrap.txt"):
             shutil.copy(ENVS / name, self.project / "envs")
         shutil.copy(ROOT / "pyproject.toml", self.project)
-        front = "workflow/vibraverse/report/front"
-        shutil.copytree(ROOT / front, self.project / front)
-        (self.project / "front.sum").write_text(load("front").checksum())
+        front = load("front")
+        for path in front.SOURCES:
+            copy = self.project / path.relative_to(ROOT)
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy(path, copy)
+        (self.project / "front.sum").write_text(front.checksum())
         for name in ("workstation", "dev", "learn"):
             (self.project / "envs" / f"{name}.txt").write_text("numpy==2.4.6 \\\npytest==9.2.0 \\\n")
         self.needs("")
@@ -213,12 +216,12 @@ def test_an_environment_is_made_once(sandbox):
     assert calls.count("\n") == 1, "the second call only looks for missing libraries"
 
 
-def test_an_environment_that_writes_pages_gets_their_library(sandbox):
+@pytest.mark.parametrize("changed", ["front/three.js", "page/main.js", "style.css"])
+def test_an_environment_that_writes_pages_gets_what_they_consist_of(sandbox, changed):
     assert "python envs/front.py" in sandbox.run(*ENV)[2]
     assert "front.py" not in sandbox.run("envs/env.sh", "venv2", "learn")[2]
-    (sandbox.project / "workflow/vibraverse/report/front/three.js").write_text(
-        "export { Scene } from 'three';"
-    )
+    assert "front.py" not in sandbox.run(*ENV)[2]
+    (sandbox.project / "workflow/vibraverse/report" / changed).write_text("")
     assert "python envs/front.py" in sandbox.run(*ENV)[2]
 
 

@@ -13,7 +13,8 @@ import pytest
 import browsers
 import page_files
 from page_files import OBJECT
-from test_front import bundle  # noqa: F401
+from page_views import OFFLINE, loudest_hz
+from test_front import bundle, prefix  # noqa: F401
 from vibraverse.report import library, shell
 
 _SHELL = """<!doctype html><html lang="en" data-theme="light"><meta charset="utf-8"><title>x</title>
@@ -115,30 +116,6 @@ def click(driver, x: float, y: float, to: tuple[float, float] | None = None) -> 
         chain = chain.move_to_element_with_offset(canvas, *at(*to))
     chain.release().perform()
     time.sleep(0.3)
-
-
-#: Renders what was heard last as the browser itself does, offline.
-OFFLINE = """
-  const done = arguments[arguments.length - 1];
-  const {made, gain_db} = objectView.state.heard;
-  const audio = new OfflineAudioContext(1, made.samples.length, made.rate);
-  const buffer = audio.createBuffer(1, made.samples.length, made.rate);
-  buffer.copyToChannel(Float32Array.from(made.samples, (one) => one * 10 ** (gain_db / 20)), 0);
-  const source = audio.createBufferSource();
-  source.buffer = buffer;
-  source.connect(audio.destination);
-  source.start();
-  audio.startRendering().then((found) => done(Array.from(found.getChannelData(0))));
-"""
-
-
-def loudest_hz(samples, count: int) -> np.ndarray:
-    """Return the frequencies of the largest lines of a spectrum, interpolated."""
-    padded = 16 * len(samples)
-    spectrum = np.abs(np.fft.rfft(samples * np.hanning(len(samples)), padded))
-    inside = spectrum[1:-1]
-    peaks = 1 + np.flatnonzero((inside > spectrum[:-2]) & (inside >= spectrum[2:]))
-    return np.sort(peaks[np.argsort(spectrum[peaks])[-count:]]) * 44_100 / padded
 
 
 def test_two_points_give_two_sounds_of_the_bodys_modes(driver, index, results):

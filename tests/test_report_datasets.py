@@ -2,17 +2,12 @@
 
 from __future__ import annotations
 
-import contextlib
-import functools
-import http.server
 import shutil
-import socket
-import threading
 
 import pytest
 
 import make_page
-from browsers import opened
+from browsers import opened, served
 from page_views import NODES, SOUND, TAB_STOPS, TABS, VIEW, at, texts, wait
 
 
@@ -131,36 +126,16 @@ def test_forbidden_storage_takes_nothing_away(browser, tmp_path):
         browser.execute_cdp_cmd("Page.removeScriptToEvaluateOnNewDocument", added)
 
 
-def address_of_this_machine() -> str:
-    """Return a network address of this machine, not the loopback; skip the test without one."""
-    with contextlib.closing(socket.socket(socket.AF_INET, socket.SOCK_DGRAM)) as probe:
-        try:
-            probe.connect(("192.0.2.1", 9))
-        except OSError:
-            pytest.skip("this machine has no network address")
-        return probe.getsockname()[0]
-
-
 def test_the_page_works_over_plain_http(browser, tmp_path):
-    class Quiet(http.server.SimpleHTTPRequestHandler):
-        def log_message(self, *_):
-            pass
-
     page = make_page.write(tmp_path / "report", make_page.invented(300), VIEW)
-    host = address_of_this_machine()
-    handler = functools.partial(Quiet, directory=str(page.parent))
-    with http.server.ThreadingHTTPServer((host, 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        try:
-            browser.get(f"http://{host}:{server.server_port}/index.html#/explore?family=bell")
-            wait(browser, "return document.querySelectorAll('.grid .item').length > 5")
-            assert browser.execute_script("return isSecureContext") is False
-            assert texts(browser, ".count-line")[0].startswith("25 of 300 objects")
-            at(browser, "#/run?part=refusals")
-            assert texts(browser, "#retry") == ["vibraverse refusals --results RESULTS --retry"]
-            assert browser.get_log("browser") == []
-        finally:
-            server.shutdown()
+    with served(page.parent) as address:
+        browser.get(f"{address}/index.html#/explore?family=bell")
+        wait(browser, "return document.querySelectorAll('.grid .item').length > 5")
+        assert browser.execute_script("return isSecureContext") is False
+        assert texts(browser, ".count-line")[0].startswith("25 of 300 objects")
+        at(browser, "#/run?part=refusals")
+        assert texts(browser, "#retry") == ["vibraverse refusals --results RESULTS --retry"]
+        assert browser.get_log("browser") == []
 
 
 def test_a_page_that_was_copied_works_as_it_did(browser, tmp_path):

@@ -15,6 +15,8 @@ torch = pytest.importorskip("torch", reason="torch is not installed (it belongs 
 from make_results import DAMPING, OBJECTS, Made, full  # noqa: E402
 from read_page import Page  # noqa: E402
 
+from accessible import faults  # noqa: E402
+from page_views import resize  # noqa: E402
 from vibraverse.cli import main  # noqa: E402
 from vibraverse.contract import products  # noqa: E402
 from vibraverse.report.learning import comparison, search  # noqa: E402
@@ -162,9 +164,9 @@ def test_pictures_have_texts(page):
     pictures = [values for tag, values in page.tags if tag == "img" or values.get("class") == "plot"]
     assert len(pictures) > 15
     assert all(len(values.get("alt") or values.get("aria-label")) > 20 for values in pictures)
-    assert sum(tag == "svg" and "viewbox" in values for tag, values in page.tags) == len(
-        page.all("role")
-    ) - sum(role == "slider" for role in page.all("role"))
+    assert sum(tag == "svg" and "viewbox" in values for tag, values in page.tags) == page.all("role").count(
+        "img"
+    )
 
 
 def test_same_results_same_bytes_and_a_link_back_where_there_is_a_report(small):
@@ -354,3 +356,14 @@ def test_in_a_browser_all_loads_and_nothing_overflows(browser, made):
     assert len(asked) > 15
     assert [url for url in asked if not url.startswith(("file://", "data:"))] == []
     assert browser.get_log("browser") == []
+
+
+def test_in_a_browser_nothing_serious_is_inaccessible(browser):
+    for width in (360, 1280):
+        resize(browser, width)
+        for opened in ("false", "true"):
+            browser.execute_script("document.getElementById('theme').click()")
+            browser.execute_script(
+                f"document.querySelectorAll('details').forEach((one) => (one.open = {opened}))"
+            )
+            assert faults(browser) == [], (width, opened)

@@ -150,7 +150,7 @@ LEARNING_STEPS = (
     ),
     Step(
         name="learn_page",
-        version=1,
+        version=2,  # 2: its tables are reached with the keyboard, and the colour of baselines is darker
         help="write the page of learning: tables, curves, sounds to compare",
         per=LEARNING,
         family="report",

@@ -36,7 +36,7 @@ VIEWS = {
 
 def files(data: Mapping, thumbs: Iterable[bytes]) -> dict[str, bytes]:
     """Return the files of the page by name; ``data`` is its index, ``thumbs`` are the thumbnails it numbers."""
-    found = {_name(path): shell.text(path).encode() for path in (*STYLES, *SCRIPTS)}
+    found = {_name(path): library.small(path).encode() for path in (*STYLES, *SCRIPTS)}
     if bundle := library.bundle():
         found[_LIBRARY] = bundle.encode()
     found["index.js"] = call("vibraverse.index", data).encode("ascii")

@@ -7,7 +7,7 @@ import json
 from markupsafe import Markup
 
 from vibraverse.report import shell
-from vibraverse.report.library import SCRIPTS, bundle
+from vibraverse.report.library import SCRIPTS, bundle, small
 
 
 def html(
@@ -20,10 +20,10 @@ def html(
     environment without one gives pictures.
     """
     library = bundle() if library is None else library
-    scripts = [*([library] if library else []), shell.text("shared.js")]
-    scripts += [shell.text(f"page/{name}") for name in SCRIPTS]
+    scripts = [*([library] if library else []), small("shared.js")]
+    scripts += [small(f"page/{name}") for name in SCRIPTS]
     inside = [Markup(one.replace("</script", "<\\/script")) for one in (*scripts, *data)]
-    own = Markup(shell.text("page/object.css"))
+    own = Markup(small("page/object.css"))
     said = Markup(json.dumps(address).replace("</", "<\\/"))
     return shell.fill(
         "strike.html", object=object_id, title=title, own_style=own, scripts=inside, address=said

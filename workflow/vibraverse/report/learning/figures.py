@@ -23,7 +23,7 @@ INKS = {
 }
 #: Colours of the truth, and of baselines.
 TRUTH, BASELINE = "--ink", "--quiet"
-_COLOURS = {**INKS, TRUTH: "#1d1e22", BASELINE: "#85878f"}
+_COLOURS = {**INKS, TRUTH: "#1d1e22", BASELINE: "#6f717a"}
 _DASHES = (0, (3.2, 1.8))
 
 
