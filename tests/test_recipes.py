@@ -47,15 +47,15 @@ def test_a_recipe_and_all_recipes_have_a_limit_of_work():
     work = Work(100)
     work.begin()
     work.check()
-    work.add(2_200)
-    with pytest.raises(Spent, match="after handling 2200 triangles"):
+    work.add(1_500)
+    with pytest.raises(Spent, match="after handling 1500 triangles"):
         work.check()
     work.begin()  # the next recipe has work of its own
     work.check()
-    work.add(800)
+    work.add(500)
     work.begin()
     assert not work.exhausted
-    work.add(800)  # the rest of what all may take
+    work.add(500)  # the rest of what all may take
     assert work.exhausted
     with pytest.raises(Spent):
         work.check()
@@ -79,9 +79,9 @@ def test_hopeless_recipes_end_by_counts(monkeypatch):
             tets_module._by_recipes(*ball, demands(ball, 300, 1_000))
         counts.append(list(calls))
     assert counts[0] == counts[1]
-    # 38,000 triangles in all; a call that begins below the limit is the last.
+    # 25,000 triangles in all; a call that begins below the limit is the last.
     each = counts[0][0] + len(crossing[1])
-    assert 22_000 < each * len(counts[0]) < 38_000 + each
+    assert 15_000 < each * len(counts[0]) < 25_000 + each
 
 
 def test_a_body_never_gets_more_elements_than_it_may(monkeypatch):
@@ -94,18 +94,36 @@ def test_a_body_never_gets_more_elements_than_it_may(monkeypatch):
         tets_module._by_recipes(*ball, demands(ball, 400, 1))
 
 
+def test_where_an_envelope_takes_too_many_elements_a_wider_one_is_tried_and_else_a_narrower_one(monkeypatch):
+    box, tried = shapes.box(), []
+
+    def fails(kind):
+        def fill(vertices, faces, size, envelope):
+            tried.append(round(envelope / Body(*box, 400, 1_200).thickness, 3))
+            raise kind("meshing_failed", "it fails")
+
+        return fill
+
+    for kind, envelopes in ((tets_module._TooMany, [0.1, 0.25]), (Refused, [0.1, 0.03])):
+        monkeypatch.setattr(tets_module, "fill_within", fails(kind))
+        tried.clear()
+        with pytest.raises(Refused, match="it fails"):
+            tets_module._within_envelope(*box, demands(box, 400, 1))
+        assert tried == envelopes
+
+
 def test_the_limit_of_elements_follows_the_target():
     box = shapes.box()
-    assert demands(box, 500, 16_000).most == 16_000
-    assert demands(box, 40_000, 16_000).most == 120_000
+    assert demands(box, 500, 24_000).most == 24_000
+    assert demands(box, 40_000, 24_000).most == 120_000
 
 
 def test_a_dense_surface_is_thinned_and_the_mesh_fitted_to_the_original():
     dense = repair.split(*shapes.cylinder(0.5, 1.8), 0.035)
     assert len(dense[1]) > 4 * 1_000
-    body = Body(*dense, 1_000, 16_000)
+    body = Body(*dense, 1_000, 24_000)
     assert len(body.start[1]) < 0.5 * len(dense[1])
-    assert Body(*shapes.box(), 1_000, 16_000).start[1].shape == (12, 3)
+    assert Body(*shapes.box(), 1_000, 24_000).start[1].shape == (12, 3)
     mesh = tetrahedralise(*dense, 1_000)
     volume = tets_module.quality.volumes(mesh.points, mesh.cells).sum()
     assert volume == pytest.approx(surfaces.volume(*dense), rel=1e-9)

@@ -81,7 +81,7 @@ class Tets(Section):
     target_elements: PositiveInt = 5000
     """Target number of tetrahedra; thin-walled bodies may get twice as many."""
 
-    max_elements: PositiveInt = 16_000
+    max_elements: PositiveInt = 24_000
     """Most tetrahedra of a body, or three times ``target_elements`` if that is more. Where sheets are so close that a
     recipe takes more, a rougher one is tried."""
 

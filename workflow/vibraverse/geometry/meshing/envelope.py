@@ -20,8 +20,9 @@ from vibraverse.geometry.meshing import quality
 from vibraverse.geometry.meshing.remesh import fit_to
 from vibraverse.geometry.meshing.sizes import thinned
 
-#: Distances of the envelope tried, as shares of the mean thickness 2V/A. The first leaves few elements.
-ENVELOPES = (0.1, 0.03)
+#: Distances of the envelope tried, as shares of the mean thickness 2V/A: the first, which leaves few elements, then the
+#: second, or the third where the first takes too many.
+ENVELOPE, NARROW_ENVELOPE, WIDE_ENVELOPE = 0.1, 0.03, 0.25
 #: Largest distance of the envelope as a share of the diagonal; thick bodies would lose features beyond it.
 _MAX_ENVELOPE = 0.004
 #: fTetWild takes some 0.4 ms for each triangle of its surface. One with more triangles than the first number is

@@ -38,7 +38,7 @@ _MAX_SIZE_GROWTH, _FUTILE_EXPONENT = 2.0, 1.0
 _FAR_FACTOR = 1.5
 #: Most triangles of a remeshed surface and of an even one, per tetrahedron that the body may have. A closed surface has
 #: at most twice as many triangles as tetrahedra behind it, and mostly half as many.
-_MAX_TRIANGLES, _MAX_EVEN_TRIANGLES = 1.5, 4.5
+_MAX_TRIANGLES, _MAX_EVEN_TRIANGLES = 1.0, 3.0
 #: A surface with more triangles than this per wanted element is thinned before it is remeshed. Thinning moves it by at
 #: most these shares of the remeshing's deviation, tried in turn until no triangles cut each other.
 _DENSE_TRIANGLES, _THINNING_SHARES = 4.0, (0.2, 0.05)

@@ -23,7 +23,7 @@ from vibraverse.geometry.distance.sight import depth_below
 from vibraverse.geometry.meshing import quality
 from vibraverse.geometry.meshing.accuracy import accuracy
 from vibraverse.geometry.meshing.cautions import cautions
-from vibraverse.geometry.meshing.envelope import ENVELOPES, fill_within
+from vibraverse.geometry.meshing.envelope import ENVELOPE, NARROW_ENVELOPE, WIDE_ENVELOPE, fill_within
 from vibraverse.geometry.meshing.fill import ALGORITHMS, fill, ordered
 from vibraverse.geometry.meshing.remesh import SheetsMeet
 from vibraverse.geometry.meshing.sizes import Body, search_size
@@ -93,7 +93,7 @@ def tetrahedralise(
     target_elements: int = 5000,
     max_volume_change: float = 0.005,
     min_dihedral_deg: float = 0.1,
-    max_elements: int = 16_000,
+    max_elements: int = 24_000,
     max_wrap_change: float = 0.05,
 ) -> TetMesh:
     """Fill a closed, oriented, manifold surface with about ``target_elements`` tetrahedra.
@@ -198,19 +198,18 @@ def _by_recipes(
 def _within_envelope(vertices: np.ndarray, faces: np.ndarray, demands: _Demands) -> TetMesh:
     """Return a mesh whose surface stays within an envelope of the body's; raise :class:`Refused` if it is not valid."""
     body = Body(vertices, faces, demands.elements, demands.most)
-    complaints = []
-    for share in ENVELOPES:
+    complaints, share = [], ENVELOPE
+    while share:
         report(f"fTetWild within an envelope of {100 * share:g} % of the thickness")
         try:
             points, cells = fill_within(vertices, faces, body.size, share * body.thickness)
             triangles, nodes = boundary(cells)
             recipe = {"ridge_deg": None, "algorithm": "ftetwild", "wanted": demands.elements}
             return _checked(points, cells, (points[nodes], triangles), demands, recipe)
-        except _TooMany as refused:  # a narrower envelope takes more
-            complaints.append(refused.message.rstrip("."))
-            break
         except Refused as refused:
             complaints.append(refused.message.rstrip("."))
+            other = WIDE_ENVELOPE if isinstance(refused, _TooMany) else NARROW_ENVELOPE
+            share = other if share == ENVELOPE else None
     raise _failed("fTetWild", complaints)
 
 

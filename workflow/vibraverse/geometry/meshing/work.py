@@ -14,7 +14,7 @@ FITTED = 4.0
 #: Work of a tetrahedron that gmsh makes, and of one that its optimisers improve, too.
 FILLED, OPTIMISED = 1.0, 4.0
 #: Limits on the work of a recipe and of all recipes, per tetrahedron that a body may have.
-_RECIPE_LIMIT, _TOTAL_LIMIT = 22.0, 38.0
+_RECIPE_LIMIT, _TOTAL_LIMIT = 15.0, 25.0
 
 
 class Spent(RuntimeError):
