@@ -118,11 +118,15 @@ def test_the_limit_of_elements_follows_the_target():
     assert demands(box, 40_000, 24_000).most == 120_000
 
 
-def test_a_dense_surface_is_thinned_and_the_mesh_fitted_to_the_original():
+def test_a_dense_surface_is_thinned_and_the_mesh_fitted_to_the_original(monkeypatch):
+    monkeypatch.setattr(sizes_module, "_SCANNED_TRIANGLES", 4_000)
     dense = repair.split(*shapes.cylinder(0.5, 1.8), 0.035)
     assert len(dense[1]) > 4 * 1_000
     body = Body(*dense, 1_000, 24_000)
     assert len(body.start[1]) < 0.5 * len(dense[1])
+    monkeypatch.setattr(sizes_module, "_SCANNED_TRIANGLES", len(dense[1]))
+    assert Body(*dense, 1_000, 24_000).start[1] is dense[1]  # as many triangles as a generated body may have
+    monkeypatch.setattr(sizes_module, "_SCANNED_TRIANGLES", 4_000)
     assert Body(*shapes.box(), 1_000, 24_000).start[1].shape == (12, 3)
     mesh = tetrahedralise(*dense, 1_000)
     volume = tets_module.quality.volumes(mesh.points, mesh.cells).sum()

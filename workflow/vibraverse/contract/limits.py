@@ -16,6 +16,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
+import re
 import signal
 import sys
 import tempfile
@@ -28,6 +29,8 @@ from pathlib import Path
 from vibraverse.contract.errors import PROGRAMMING, ChildFailed, Refused
 from vibraverse.contract.progress import report, reports_to
 
+#: Last words of libraries that end the process where an allocation fails: OpenBLAS, C++, the C library.
+_NO_MEMORY = re.compile("Memory allocation still failed|std::bad_alloc|Cannot allocate memory")
 #: Bytes at the end of a child's log that are searched for its last words.
 _LOG_TAIL_BYTES = 600
 #: Messages of libraries that ran out of memory: the loader, C, C++, SuperLU.
@@ -170,7 +173,7 @@ def run_limited(
             f"{what} was killed from outside, as the system does when the machine's memory runs out.{said}",
             "Run fewer jobs at once, or simplify the mesh.",
         )
-    if status == "memory":
+    if status == "memory" or (status == "crash" and _NO_MEMORY.search(words)):
         raise Refused(
             "limit",
             f"{what} needed more than {memory_mb} MB.{said}",

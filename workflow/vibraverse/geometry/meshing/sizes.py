@@ -39,9 +39,10 @@ _FAR_FACTOR = 1.5
 #: Most triangles of a remeshed surface and of an even one, per tetrahedron that the body may have. A closed surface has
 #: at most twice as many triangles as tetrahedra behind it, and mostly half as many.
 _MAX_TRIANGLES, _MAX_EVEN_TRIANGLES = 1.0, 3.0
-#: A surface with more triangles than this per wanted element is thinned before it is remeshed. Thinning moves it by at
-#: most these shares of the remeshing's deviation, tried in turn until no triangles cut each other.
-_DENSE_TRIANGLES, _THINNING_SHARES = 4.0, (0.2, 0.05)
+#: A surface with more triangles than the first number, and than the second per wanted element, is thinned before it is
+#: remeshed. Thinning moves it by at most these shares of the remeshing's deviation, tried in turn until no triangles
+#: cut each other. It makes creases of its own, so some bodies take more elements: it is for scans alone.
+_SCANNED_TRIANGLES, _DENSE_TRIANGLES, _THINNING_SHARES = 30_000, 4.0, (0.2, 0.05)
 #: Largest distance of the remeshed surface from the original, as a share of the size.
 _MAX_DEVIATION = 0.07
 #: Factor by which Netgen's optimiser raises the number of elements.
@@ -85,7 +86,7 @@ class Body:
         self.thickness = 2 * self.volume / self.area
         #: The first size tried.
         self.size = self.size_for(elements)
-        self._dense = len(faces) > _DENSE_TRIANGLES * elements
+        self._dense = len(faces) > max(_SCANNED_TRIANGLES, _DENSE_TRIANGLES * elements)
         self._even: dict[float, EvenSurface] = {}
         #: Whether the fit may yield where sheets are close: the last resort.
         self.yielding = False
