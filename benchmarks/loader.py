@@ -1,6 +1,7 @@
 """Speed of the loader that feeds training, by the number of its workers, and how long training waits for it.
 
-    python benchmarks/loader.py [--features FOLDER] [--preset cpu] [--workers 0 2] [--seconds 10] [--device cpu]
+    python benchmarks/loader.py [--features FOLDER] [--models TASK/MODEL …] [--workers 0 2] [--preset cpu]
+        [--seconds 10] [--device cpu]
 
 FOLDER holds features as a run writes them (``results/learn/features``), with a copy of ``dataset/splits.tsv``. Without
 it smooth bodies are invented. The loader's own speed is measured with nothing else to do; then a training runs as long.
@@ -17,12 +18,21 @@ from vibraverse.machine.threads import set_threads
 
 set_threads(1)
 
+#: The published model of each task, and the model whose steps are the cheapest.
+DEFAULT = [
+    "frequencies/published", "frequencies/ritz", "solidity/published", "reconstruction/published", "cavity/sound",
+    "retrieval/published",
+]  # fmt: skip
+
 
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--features", type=Path)
+    parser.add_argument(
+        "--models", nargs="+", default=DEFAULT, metavar="TASK/MODEL", help=f"default: {' '.join(DEFAULT)}"
+    )
     parser.add_argument("--preset", default="cpu", choices=["tiny", "cpu", "small", "paper"])
     parser.add_argument("--workers", type=int, nargs="+", default=[0, 2])
     parser.add_argument("--seconds", type=float, default=10.0)
@@ -31,7 +41,7 @@ def main() -> None:
     arguments = parser.parse_args()
     import synthetic
 
-    from vibraverse.config.learn import MODELS, Features
+    from vibraverse.config.learn import Features
 
     print("| task, model | workers | loader alone, samples/s | training, samples/s | waiting for data |")
     print("|" + 5 * " --- |")
@@ -40,17 +50,17 @@ def main() -> None:
         if arguments.features is None:
             points = 512 if arguments.preset == "tiny" else 4096
             synthetic.write(features, arguments.objects, Features(points=points))
-        for name, models in MODELS.items():
+        for name, model in (one.split("/") for one in arguments.models):
             for workers in arguments.workers:
-                task = synthetic.task(features, name, models[0], arguments.preset, workers=workers)
+                task = synthetic.task(features, name, model, arguments.preset, workers=workers)
                 alone = rate(task, arguments.seconds, arguments.device)
                 minutes = arguments.seconds / 60
                 task = synthetic.task(
-                    features, name, models[0], arguments.preset, workers=workers, minutes=minutes
+                    features, name, model, arguments.preset, workers=workers, minutes=minutes
                 )
-                speed, waiting = trained(task, Path(folder) / f"{name}-{workers}", arguments.device)
+                speed, waiting = trained(task, Path(folder) / f"{name}-{model}-{workers}", arguments.device)
                 print(
-                    f"| {name}, {models[0]} | {workers} | {alone:,.0f} | {speed:,.0f} | {100 * waiting:.0f} % |",
+                    f"| {name}, {model} | {workers} | {alone:,.0f} | {speed:,.0f} | {100 * waiting:.0f} % |",
                     flush=True,
                 )
 

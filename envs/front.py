@@ -120,8 +120,7 @@ def main(prefix: Path) -> None:
                     file=sys.stderr,
                 )
                 return
-        (final / STAMP).unlink(missing_ok=True)
-        shutil.rmtree(final / SMALL, ignore_errors=True)
+        shutil.rmtree(final, ignore_errors=True)  # the stamp goes with what it states
         for part in (BUNDLE, SMALL, STAMP):
             publish(made / part, final / part)
 

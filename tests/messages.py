@@ -12,7 +12,7 @@ PACKAGE = Path(__file__).resolve().parent.parent / "workflow" / "vibraverse"
 #: Exceptions whose text a person reads; the last three become a :class:`UsageError`, or are a :class:`NotThere`.
 SAID = ("Refused", "UsageError", "ConfigError", "NotThere", "NotStored", "NoMeshes", "CannotExport", "NoGPU")
 #: Refusals that are joined to the sentence of another, which has the advice.
-JOINED = ("geometry/meshing/fill.py", "geometry/meshing/tets.py")
+JOINED = ("geometry/meshing/fill.py", "geometry/meshing/tets.py", "geometry/meshing/wrapped.py")
 #: Translated phrases and words that do not say what happened, and what is said instead.
 AVOIDED = {
     r"\bthere (is|are) (not?|none)\b": "does not exist",

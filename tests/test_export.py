@@ -7,6 +7,7 @@ import json
 import tarfile
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 import soundfile
 
@@ -84,18 +85,14 @@ def test_files_are_bounded_and_repeat_to_the_byte(export, folder, tmp_path, vibr
     assert len(samples(out.glob("*.tar"))) == 12
 
 
-@pytest.mark.parametrize("form", ["jsonl", "parquet"])
-def test_huggingface_rows_and_media(export, folder, form):
-    if form == "parquet":
-        parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
-    more = ("--parquet", "--fields", "frequencies_hz,signed_distance,sound") if form == "parquet" else ()
-    out, _ = export("--format", "huggingface", "--sampled", *more)
-    rows = []
-    for path in sorted(out.glob(f"data/*.{form}")):
-        if form == "parquet":
-            rows += parquet.read_table(path).to_pylist()
-        else:
-            rows += [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines()]
+def tables(out) -> list[pq.ParquetFile]:
+    return [pq.ParquetFile(path) for path in sorted(out.glob("data/*.parquet"))]
+
+
+def test_huggingface_rows_with_sounds_and_pictures(export, folder):
+    fields = "frequencies_hz,signed_distance,sound,views"
+    out, _ = export("--format", "huggingface", "--sampled", "--fields", fields)
+    rows = [row for table in tables(out) for row in table.read().to_pylist()]
     assert len(rows) == 12 + 9
     row = next(
         one
@@ -104,23 +101,45 @@ def test_huggingface_rows_and_media(export, folder, form):
     )
     sampled = next(one for one in rows if one["material"] == "sampled-0001")
     assert sampled["sound"] is None
-    assert len({frozenset(one) for one in rows}) == 1
     with vibraverse.dataset.open(folder) as reader:
-        np.testing.assert_array_equal(
-            row["frequencies_hz"], reader.read("frequencies_hz", "bar-0000", "solid", "wood")
-        )
-        heard = soundfile.read(out / row["sound"], dtype="float32")[0]
+        for name in ("frequencies_hz", "signed_distance"):
+            true = reader.read(name, "bar-0000", "solid", "wood")
+            np.testing.assert_array_equal(np.array(row[name], dtype=true.dtype), true)
+        heard = soundfile.read(io.BytesIO(row["sound"]["bytes"]), dtype="float32")[0]
         np.testing.assert_array_equal(heard, reader.read("sound", "bar-0000", "solid", "wood"))
-        if form == "parquet":
-            distance = np.array(row["signed_distance"], dtype=np.float32)
-            np.testing.assert_array_equal(distance, reader.read("signed_distance", "bar-0000"))
-        else:
-            assert (out / row["views"][1]).read_bytes() == reader.group("bar-0000")["views/clay"][1].tobytes()
+        shown = reader.group("bar-0000")["views/clay"]
+        assert [one["bytes"] for one in row["views"]] == [one.tobytes() for one in shown]
         splits = sorted({one["split"] for one in reader.items})
     text = (out / "README.md").read_text(encoding="utf-8")
     assert text.startswith("---\nconfigs:\n")
     for split in splits:
-        assert f"  - split: {split}\n    path: data/{split}-*.{form}\n" in text
+        assert f"  - split: {split}\n    path: data/{split}-*.parquet\n" in text
+
+
+def test_every_file_states_the_features_of_datasets(export):
+    out, _ = export("--format", "huggingface", "--sampled")
+    stated = {table.schema_arrow.metadata[b"huggingface"] for table in tables(out)}
+    assert len(stated) == 1
+    features = json.loads(stated.pop())["info"]["features"]
+    assert features["sound"] == {"_type": "Audio"}
+    assert features["views"] == [{"_type": "Image"}]
+    assert features["material"] == {"_type": "Value", "dtype": "string"}
+    assert features["occupancy"] == [[[{"_type": "Value", "dtype": "uint8"}]]]
+    assert list(features) == tables(out)[0].schema_arrow.names
+
+
+def test_pictures_of_an_object_are_stored_once_in_a_file(export, folder):
+    out, _ = export("--format", "huggingface", "--fields", "views", "--where", "object=bar-0000")
+    (table,) = tables(out)
+    with vibraverse.dataset.open(folder) as reader:
+        once = sum(len(one.tobytes()) for one in reader.group("bar-0000")["views/clay"])
+    assert table.metadata.num_rows > 3
+    stored = sum(
+        column.total_uncompressed_size
+        for column in (table.metadata.row_group(0).column(i) for i in range(table.metadata.num_columns))
+        if column.path_in_schema == "views.list.element.bytes"
+    )
+    assert once <= stored < 2 * once < table.metadata.num_rows * once
 
 
 def test_narrowed(export):
@@ -161,7 +180,6 @@ def test_a_column_may_be_named_again_and_numbers_are_numbers(export):
             "matches --where object=ball-0000 solidity=hollow: each value occurs, but not together",
         ),
         (("--format", "webdataset", "--where", "modes=many"), "--where modes must be a number, not 'many'"),
-        (("--format", "webdataset", "--parquet"), "--parquet has no meaning without --format huggingface"),
         (("--format", "webdataset", "--max-mb", "0"), "--max-mb must be greater than 0, not 0"),
     ],
 )
@@ -192,13 +210,6 @@ def test_the_folder_one_stands_in_is_not_replaced(folder, tmp_path, vibraverse, 
     status, _, said = vibraverse("export", folder, "-o", ".", "--format", "webdataset")
     assert (status, said.count("\n")) == (2, 1)
     assert "cannot be replaced; name a new folder" in said
-
-
-def test_an_array_too_large_for_json_is_said(export, monkeypatch):
-    monkeypatch.setattr("vibraverse.dataset.publish.export._MAX_JSON_NUMBERS", 4095)
-    _, said = export("--format", "huggingface", "--fields", "sound,signed_distance", status=2)
-    assert "signed_distance holds 4,096 numbers for every item" in said
-    assert "--parquet or --format webdataset" in said
 
 
 def test_what_fails_leaves_nothing(export, tmp_path):

@@ -143,8 +143,7 @@ def test_a_refusal_is_passed_on_to_a_closed_folder(tmp_path):
 
 COMMANDS = {
     "webdataset": ("export", "{dataset}", "--format", "webdataset", "-o", "{disk}/new"),
-    "json lines": ("export", "{dataset}", "--format", "huggingface", "-o", "{disk}/new"),
-    "parquet": ("export", "{dataset}", "--format", "huggingface", "--parquet", "-o", "{disk}/new"),
+    "parquet": ("export", "{dataset}", "--format", "huggingface", "-o", "{disk}/new"),
     "join": ("join", "{dataset}", "-o", "{disk}/new"),
     "refusals": ("refusals", "--record", "{dataset}/dataset.json", "--verdict", "{disk}/new"),
     "validation": ("validation", "--record", "{validation}", "--verdict", "{disk}/new"),

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
+import struct
 import subprocess
 import sys
 import threading
 import time
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +22,19 @@ from vibraverse.contract.limits import run_limited
 
 def crash() -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
+
+
+def kill() -> None:
+    os.kill(os.getpid(), signal.SIGKILL)
+
+
+def half() -> None:
+    """Send half of an answer and end, as a child does that is killed while it answers."""
+    sender = next(
+        one for one in gc.get_objects() if isinstance(one, Connection) and not one.closed and one.writable
+    )
+    os.write(sender.fileno(), struct.pack("!i", 1_000) + b"half")
+    os._exit(3)
 
 
 def unloaded() -> None:
@@ -64,6 +80,14 @@ def test_a_result_comes_back_from_a_child(threads):
         (time.sleep, (60,), 3, "limit", "it was stopped when it had stood still for 3 s."),
         (spin, (60,), 0.5, "limit", "it was stopped after 0.5 s of CPU time."),
         (crash, (), 60, "meshing_failed", "it crashed (SIGSEGV)."),
+        (half, (), 60, "meshing_failed", "it crashed (exit status 3)."),
+        (
+            kill,
+            (),
+            60,
+            "limit",
+            "it was killed from outside, as the system does when the machine's memory runs out.",
+        ),
         (int, ("x",), 60, "meshing_failed", "it failed: ValueError"),
     ],
 )

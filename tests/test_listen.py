@@ -120,6 +120,23 @@ def test_the_mesh_of_another_body_does_not_fit(folder, vibraverse):
     assert "The mesh is not the body that was recorded" in out
 
 
+def test_elements_too_coarse_to_match_are_named_as_the_cause(folder, vibraverse):
+    facts, _ = listened(
+        vibraverse,
+        folder,
+        folder / "wedge.wav",
+        "--mesh",
+        folder / "wedge.stl",
+        "--size",
+        SIZE_M,
+        "--order",
+        1,
+    )
+    assert facts["verdict"] == "nothing fits"
+    assert "These elements are off by some " in facts["sentence"]
+    assert "use --order 2" in facts["sentence"]
+
+
 def sound(folder, name, samples, rate=RATE):
     soundfile.write(folder / name, samples, rate)
     return folder / name

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.optimize import least_squares
 
 from meshes import box, distorted_box
 from vibraverse.contract.errors import UsageError
@@ -16,6 +17,7 @@ from vibraverse.listening.resonances import Lines, Resonances, Table
 from vibraverse.listening.walls import Walls
 from vibraverse.physics.basis import build_basis
 from vibraverse.physics.modes import solve_material
+from vibraverse.validation import spectra
 
 #: The block whose resonances Ogi et al. measured (J. Acoust. Soc. Am. 112, 2553, 2002), its sides in mm, its
 #: frequencies in Hz, and the constants that they found from these and ten more, in Pa and kg/m³.
@@ -108,11 +110,17 @@ def test_missing_and_spurious_peaks():
 # The material
 
 
-def test_the_measured_block_has_its_published_constants():
-    """Twelve measured frequencies, which scatter by 0.3 %, give the published E within 1 % and ν within 0.005."""
+@pytest.fixture(scope="module")
+def measured():
+    """The answer to the twelve measured frequencies, which scatter by 0.3 %."""
     block = Resonances(basis_of(box(BLOCK_MM, (6, 5, 5)), 20, "fine block"))
     table = block.table()
-    found = answer(peaks.listed(BLOCK_HZ, np.full(12, np.nan)), table, bounds(table), block)
+    return answer(peaks.listed(BLOCK_HZ, np.full(12, np.nan)), table, bounds(table), block)
+
+
+def test_the_measured_block_has_its_published_constants(measured):
+    """The published E within 1 % and ν within 0.005, and both within their intervals."""
+    found = measured
     assert found.fits
     assert found.others == []
     assert found.explained == 12
@@ -121,6 +129,19 @@ def test_the_measured_block_has_its_published_constants():
     assert found.estimate.values[1] == pytest.approx(POISSON, abs=0.005)
     assert abs(np.log(young / YOUNG)) < 2 * found.estimate.half_width(0)
     assert abs(found.estimate.values[1] - POISSON) < found.estimate.half_width(1)
+
+
+def test_the_measured_block_is_read_as_an_exact_model_reads_it(measured):
+    """Ritz's method, which has no elements, fitted to the twelve: E 0.16 % and ν 1.2 % below the published ones."""
+
+    def missed(values):
+        omega = spectra.box(tuple(1e-3 * side for side in BLOCK_MM), (10,) * 3, values[1], 12)
+        return np.log(omega * np.sqrt(YOUNG / DENSITY) / (2 * np.pi)) + values[0] - np.log(BLOCK_HZ)
+
+    best = least_squares(missed, [0.0, POISSON], x_scale=[1e-3, 1e-3])
+    young = DENSITY * young_per_density(measured.estimate.values[0])
+    assert np.log(young / YOUNG) == pytest.approx(2 * best.x[0], abs=5e-4)
+    assert measured.estimate.values[1] == pytest.approx(best.x[1], abs=5e-4)
 
 
 def test_another_body_does_not_fit(table):

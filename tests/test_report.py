@@ -187,17 +187,18 @@ def test_warnings_are_counted_in_the_dataset(tmp_path, vibraverse):
         clean, {**products.read_json(clean), "deviation": {"invented": 0.05}, "repairs": ["wrapped"]}
     )
     record = Path(paths.at(paths.tets_record, object="bar-0000", solidity="hollow"))
-    too_many = meshing.cautions(50_000, 5000)
-    products.write_json(record, {**products.read_json(record), "warnings": too_many * 25})
+    too_many, made = meshing.cautions(50_000, 5000), products.read_json(record)
+    made["quality"] |= {"wrap": {"radius": 0.01}, "accuracy": {"volume_change": 0.02}}
+    products.write_json(record, {**made, "warnings": too_many * 25})
     with h5py.File(paths.at(paths.modes, object="ball-0000", solidity="solid"), "r+") as h5:
         h5["materials/wood/discretisation_error"][3] = 0.031
     make_products.index(tmp_path, make_products.pack(tmp_path))
     stated = products.read_json(paths.dataset_record)["warnings_by_kind"]
-    assert stated == {"changed_shape": 1, "inaccurate_modes": 1, "many_elements": 25}
+    assert stated == {"changed_shape": 2, "inaccurate_modes": 1, "many_elements": 25}
     status, out, _ = vibraverse("refusals", "--record", paths.dataset_record)
     assert status == 0
     assert (
-        "Warnings: changed shape (1), inaccurate modes (1), many elements (25); the report lists them." in out
+        "Warnings: changed shape (2), inaccurate modes (1), many elements (25); the report lists them." in out
     )
 
 

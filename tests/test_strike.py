@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 
@@ -12,6 +13,8 @@ import trimesh
 
 from mesh_bytes import gltf
 from scripts import run_script
+from vibraverse.commands.one_mesh import progress
+from vibraverse.contract.progress import report
 from vibraverse.physics.materials import MATERIALS
 
 #: ω L / c_s of the free cube for ν = 0.3.
@@ -285,3 +288,44 @@ def test_the_case_of_a_bug_report_is_noted(shared_cases, tmp_path, vibraverse):
     assert status == 0, errors
     assert "the longest side is 300 m in the file's own unit" in out
     assert "modes are below 20 Hz and cannot be heard" in out
+
+
+@pytest.mark.parametrize("stage", ["clean", "grids"])
+def test_memory_is_limited_in_every_stage(cube, tmp_path, vibraverse, monkeypatch, stage):
+    """One stage works in a child process with limits of its own, the other in this one."""
+    if stage == "grids":
+        monkeypatch.setattr("vibraverse.stages.grids.run", lambda job: np.ones(10**9))
+    status, _, err = vibraverse(
+        *(
+            "strike",
+            cube,
+            "--hollow",
+            0.5,
+            "--memory-mb",
+            10 if stage == "clean" else 900,
+            "-o",
+            tmp_path / "a.wav",
+        )
+    )
+    assert status == 2
+    assert "needed more than" in err
+    assert re.search(r"[Rr]aise --memory-mb, or (simplify the mesh|lower --elements)", err)
+    assert not list(tmp_path.iterdir())
+
+
+def test_memory_is_a_positive_number(cube, vibraverse):
+    status, _, err = vibraverse("strike", cube, "--memory-mb", 0)
+    assert (status, "--memory-mb must be at least 1, not 0" in err) == (2, True)
+
+
+def test_a_terminal_shows_what_a_stage_reports(monkeypatch):
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    terminal = Terminal()
+    monkeypatch.setattr("sys.stderr", terminal)
+    with progress("tets"):
+        report("fTetWild within an envelope of 10 % of the thickness")
+    shown = terminal.getvalue().split("\r\033[K")
+    assert shown == ["", "tets …", "tets: fTetWild within an envelope of 10 % of the thickness …", ""]

@@ -20,6 +20,7 @@ from vibraverse.geometry import repair, surfaces
 from vibraverse.geometry.distance.crossing import crossing_faces
 from vibraverse.geometry.meshing import quality
 from vibraverse.geometry.meshing import remesh as remesh_module
+from vibraverse.geometry.meshing import sizes as sizes_module
 from vibraverse.geometry.meshing import tets as tets_module
 from vibraverse.geometry.meshing.fill import fill, ordered
 from vibraverse.geometry.meshing.remesh import EvenSurface, SheetsMeet, remesh
@@ -199,7 +200,7 @@ def test_a_blemish_is_not_mended_at_any_price(monkeypatch):
 
 
 def test_a_later_size_that_fails_does_not_lose_an_earlier_one(monkeypatch):
-    original, sizes = tets_module._Body.remesh, []
+    original, sizes = sizes_module.Body.remesh, []
 
     def failing(self, size, ridge_deg):
         sizes.append((size, ridge_deg))
@@ -207,7 +208,7 @@ def test_a_later_size_that_fails_does_not_lose_an_earlier_one(monkeypatch):
             raise RuntimeError("Mmg gave up")
         return original(self, 2 * size, ridge_deg)  # far too few elements, so that another size is tried
 
-    monkeypatch.setattr(tets_module._Body, "remesh", failing)
+    monkeypatch.setattr(sizes_module.Body, "remesh", failing)
     mesh = tetrahedralise(*shapes.ball())
     assert len(sizes) == 2
     assert mesh.quality["ridge_deg"] == 35.0
@@ -258,11 +259,13 @@ def test_a_mesher_that_crashes_leaves_the_body_to_the_next(monkeypatch):
 def test_a_body_that_nothing_fills_is_refused_with_what_each_tool_said(monkeypatch):
     monkeypatch.setattr(tets_module, "_by_recipes", crash)
     monkeypatch.setattr(tets_module, "_within_envelope", refuse)
+    monkeypatch.setattr(tets_module, "_by_wraps", crash)
     with pytest.raises(Refused) as caught:
         mesh_body(*shapes.box(), Tets(target_elements=500))
     assert caught.value.reason == "meshing_failed"
     assert re.match(
-        r"Nothing filled .* gmsh with Mmg crashed \(SIGSEGV\)\. fTetWild: .*close\.$", caught.value.message
+        r"Nothing filled .* gmsh with Mmg crashed \(SIGSEGV\)\. fTetWild: .*close\. Wrapping crashed \(SIGSEGV\)\.$",
+        caught.value.message,
     )
     assert "Repair or simplify the mesh" in caught.value.advice
 

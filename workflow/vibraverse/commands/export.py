@@ -38,15 +38,8 @@ def main(argv: list[str]) -> int:
         "--look", default="clay", help="look of the pictures; 'material' is that of the item's"
     )
     parser.add_argument("--sampled", action="store_true", help="the sampled materials too")
-    parser.add_argument(
-        "--parquet", action="store_true", help="Parquet instead of JSON lines (needs pyarrow)"
-    )
     parser.add_argument("--max-mb", type=float, default=500.0, help="largest size of a file (default 500)")
     chosen = parser.parse_args(argv)
-    if chosen.parquet and chosen.format != "huggingface":
-        raise UsageError(
-            "export: --parquet has no meaning without --format huggingface; add it, or leave --parquet out"
-        )
     if chosen.max_mb <= 0:
         raise UsageError(f"export: --max-mb must be greater than 0, not {chosen.max_mb:g}")
     if chosen.output.exists() and (not chosen.output.is_dir() or any(chosen.output.iterdir())):
@@ -64,6 +57,7 @@ def _export(chosen) -> None:
     from vibraverse.contract.products import write_json, write_text
     from vibraverse.dataset.publish import export
     from vibraverse.dataset.publish.card import export_card
+    from vibraverse.dataset.publish.huggingface import huggingface
 
     fields = chosen.fields.split(",") if chosen.fields else export.EXPORTED
     try:
@@ -82,7 +76,7 @@ def _export(chosen) -> None:
                 if chosen.format == "webdataset":
                     files = export.webdataset(reader, folder, most)
                 else:
-                    files = export.tables(reader, folder, most, chosen.parquet)
+                    files = huggingface(reader, folder, most)
                 write_text(folder / "README.md", export_card(reader, chosen.format, folder, files))
                 record = {"format": chosen.format, "items": len(reader), "fields": list(fields)}
                 write_json(folder / "export.json", {**record, "files": export.checksums(folder, files)})

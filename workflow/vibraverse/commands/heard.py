@@ -18,6 +18,8 @@ PERCENT = 95
 _MAX_POISSON, _MAX_LOG = 0.1, 0.2
 #: Spread of the frequencies, beyond the errors of peaks and elements, above which a warning says so.
 _MAX_SPREAD = 0.006
+#: Estimated error of the elements above which it, and not the body, may be why nothing fits.
+_MAX_ERROR = 0.02
 #: Scatter of log(E/ρ) and of ν among specimens of one material.
 _SCATTER_LOG, _SCATTER_POISSON = 0.06, 0.02
 #: Verdicts.
@@ -72,7 +74,7 @@ def facts_of(found: Answer, peaks, model, known: Known, volumes: dict[float, flo
     estimate = found.estimate
     facts = {
         "verdict": verdict,
-        "sentence": _sentence(found, verdict),
+        "sentence": _sentence(found, verdict, float(np.median(model.at(estimate.values[1:]).error))),
         "size_m": known.size_m,
         "known_material": known.material_name,
         "peaks_heard": len(peaks),
@@ -117,7 +119,8 @@ def _verdict(found: Answer) -> str:
     return FEW if found.explains and found.within < _MANY else NOTHING
 
 
-def _sentence(found: Answer, verdict: str) -> str:
+def _sentence(found: Answer, verdict: str, error: float) -> str:
+    """Return the verdict in words. ``error`` is the elements' own in log frequency, the median of the modes."""
     count = f"{found.explained} of {found.within} peaks match modes of the body"
     chance = f"score {found.score:.0f}, by chance {found.chance[0]:.0f} ± {found.chance[1]:.0f}"
     if verdict == FEW:
@@ -127,6 +130,12 @@ def _sentence(found: Answer, verdict: str) -> str:
         )
     if verdict == NOTHING:
         how = "no better than chance would have it" if found.explains else "too few or too far off"
+        if error > _MAX_ERROR:
+            return (
+                f"Nothing fits: {count}, {how} ({chance}). These elements are off by some "
+                f"{100 * error:.1f} % (at most {100 * _MAX_ERROR:g} %), which hides any match. Raise --elements, or "
+                "use --order 2."
+            )
         return (
             f"Nothing fits: {count}, {how} ({chance}). The mesh is not the body that was recorded, or its wall or its "
             "material is not uniform."

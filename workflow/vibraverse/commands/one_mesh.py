@@ -7,6 +7,8 @@ import contextlib
 import importlib
 import importlib.metadata
 import io
+import re
+import shutil
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -14,13 +16,15 @@ from pathlib import Path
 from typing import TextIO
 
 from vibraverse.config import ConfigError, section, validate
-from vibraverse.config.geometry import Hollow, Tets
+from vibraverse.config.geometry import Clean, Hollow, Tets
 from vibraverse.config.media import Audio
 from vibraverse.config.physics import Basis, Material, MaterialModes
 from vibraverse.config.sources import SourceEntry
 from vibraverse.contract import products
 from vibraverse.contract.errors import NotStored, NotThere, Refused, UsageError
+from vibraverse.contract.limits import limited_memory
 from vibraverse.contract.names import slug
+from vibraverse.contract.progress import reports_to
 from vibraverse.contract.readable import unreadable
 from vibraverse.contract.refusal import read_refusal
 from vibraverse.contract.stage import Job, run
@@ -35,6 +39,10 @@ from vibraverse.upkeep.lineage import Made, needed
 
 #: Configuration keys and the options that set them, for messages about mistakes.
 FLAGS = {"size_m": "--size", "modes": "--modes", "order": "--order", "target_elements": "--elements"}
+#: Memory in MB that a command about one mesh may take: a body of the most elements by default takes half of it.
+MEMORY_MB = 6000
+#: A key of the configuration that limits memory.
+_MEMORY_KEY = re.compile(r"\b[a-z]+\.(limits\.)?memory_mb\b")
 
 DEFAULT_MATERIAL = "ceramic"
 #: The numbers of a material in their order; the first three suffice.
@@ -71,6 +79,13 @@ def mesh_arguments(name: str = "mesh") -> argparse.ArgumentParser:
         metavar="N",
         help="tetrahedra to aim for (default %(default)s)",
     )
+    p.add_argument(
+        "--memory-mb",
+        type=int,
+        default=MEMORY_MB,
+        metavar="MB",
+        help="memory that a stage may take; a mesh that needs more is refused (default %(default)s)",
+    )
     p.add_argument("--threads", type=int, default=1, metavar="N", help="threads (default %(default)s)")
     return p
 
@@ -103,8 +118,12 @@ class OneMesh:
             raise UsageError(f"--threads must be at least 1, not {arguments.threads}")
         if arguments.hollow is not None and not 0 < arguments.hollow < 1:
             raise UsageError(f"--hollow must lie between 0 and 1, not {arguments.hollow:g}")
+        if arguments.memory_mb < 1:
+            raise UsageError(f"--memory-mb must be at least 1, not {arguments.memory_mb}")
         thickness = {} if arguments.hollow is None else {"thickness": [arguments.hollow, arguments.hollow]}
-        basis = {"order": arguments.order, "modes": modes}
+        self.memory_mb = arguments.memory_mb
+        memory = {"memory_mb": self.memory_mb}
+        basis = {"order": arguments.order, "modes": modes, **memory}
         if (
             materials and not any_poisson
         ):  # no others will be asked for, and a basis for one Poisson's ratio takes a fraction of the time
@@ -113,8 +132,9 @@ class OneMesh:
         try:
             self.options = {
                 "sources": SourceEntry(origin="files"),
-                "hollow": validate(Hollow, thickness),
-                "tets": validate(Tets, {"target_elements": arguments.elements}),
+                "clean": validate(Clean, {"limits": memory}),
+                "hollow": validate(Hollow, {**thickness, "limits": memory}),
+                "tets": validate(Tets, {"target_elements": arguments.elements, "limits": memory}),
                 "basis": validate(Basis, basis),
                 "modes": validate(
                     MaterialModes,
@@ -122,6 +142,7 @@ class OneMesh:
                         "materials": {name: one.model_dump() for name, one in materials.items()},
                         "size_m": arguments.size,
                         "modes": modes,
+                        **memory,
                     },
                 ),
             }
@@ -152,7 +173,7 @@ class OneMesh:
         final = {name: made.place(name) for name in step.outputs}
         job = Job(step, self.object, made.solidity, inputs, final, options, self.threads)
         work = importlib.import_module(f"vibraverse.stages.{step.name}").run
-        with progress(step.name):
+        with progress(step.name), limited_memory(self.memory_mb, f"The stage {step.name}", "--memory-mb"):
             run_quietly(run, job, work, ["vibraverse", step.name])
         refusal = read_refusal(made.record)
         if refusal is not None:
@@ -184,12 +205,19 @@ def check_installed(command: str, stages: Iterable[str]) -> None:
 
 @contextlib.contextmanager
 def progress(what: str) -> Iterator[None]:
-    """Show on a terminal what is being done."""
+    """Show on a terminal what is being done, with what it reports."""
     terminal = sys.stderr if sys.stderr.isatty() else None
+
+    def show(sentence: str) -> None:
+        if terminal:
+            width = shutil.get_terminal_size().columns - 1
+            print(f"\r\033[K{f'{what}: {sentence}'[: width - 2]} …", end="", file=terminal, flush=True)
+
     if terminal:
         print(f"\r\033[K{what} …", end="", file=terminal, flush=True)
     try:
-        yield
+        with reports_to(show):
+            yield
     finally:
         if terminal:
             print("\r\033[K", end="", file=terminal, flush=True)
@@ -211,7 +239,12 @@ def work_folder(command: str, mesh: Path) -> Iterator[Path]:
             ) from error
         except Refused as refused:
             about = "" if mesh.name in refused.message else f"{mesh.name}: "
-            raise UsageError(f"{about}{refused} [{refused.reason}]") from refused
+            raise UsageError(f"{about}{_with_flags(str(refused))} [{refused.reason}]") from refused
+
+
+def _with_flags(text: str) -> str:
+    """Return a refusal's text with the options of commands in place of the configuration's keys."""
+    return _MEMORY_KEY.sub("--memory-mb", text).replace("tets.target_elements", FLAGS["target_elements"])
 
 
 def check_writable(path: Path) -> None:

@@ -43,6 +43,8 @@ _OVERRIDES = {
     "alpha_per_s": "alpha",
     "beta_s": "beta",
 }
+#: What the facts quote of the tetrahedra's quality table: the recipe, and what it changed.
+_MESHING = ("algorithm", "ridge_deg", "wrap", "accuracy")
 #: Modes that are printed with a page.
 _SHOWN_MODES = 10
 #: Configuration keys and the options that set them.
@@ -214,6 +216,7 @@ class _Strike:
     def _facts(self, modes_path: Path, clean: dict, tets: dict, rendered: dict) -> dict:
         import h5py
 
+        from vibraverse.geometry.meshing.cautions import of_wrap
         from vibraverse.physics.cautions import cautions as of_modes
 
         with h5py.File(modes_path) as h5:
@@ -226,7 +229,7 @@ class _Strike:
         if struck_at is not None:
             struck_at = [x / clean["scale"] + c for x, c in zip(struck_at, clean["centre"], strict=True)]
         warnings = surface_warnings(clean)
-        said = [f"tets: {sentence}" for sentence in tets["warnings"]]
+        said = [f"tets: {sentence}" for sentence in tets["warnings"] + of_wrap(tets["quality"])]
         said += [f"modes: {sentence}" for sentence in of_modes([element_error])]
         flag = FLAGS["target_elements"]
         warnings += [sentence.replace("tets.target_elements", flag) for sentence in said]
@@ -248,6 +251,7 @@ class _Strike:
             "mass_kg": mass_kg,
             "vertices": tets["vertices"],
             "tetrahedra": tets["tetrahedra"],
+            "meshing": {key: tets["quality"][key] for key in _MESHING if key in tets["quality"]},
             "order": self.mesh.options["basis"].order,
             "frequencies_hz": frequencies.tolist(),
             "damping_per_s": damping.tolist(),

@@ -81,8 +81,16 @@ class Tets(Section):
     target_elements: PositiveInt = 5000
     """Target number of tetrahedra; thin-walled bodies may get twice as many."""
 
+    max_elements: PositiveInt = 24_000
+    """Most tetrahedra of a body, or three times ``target_elements`` if that is more. Where sheets are so close that a
+    recipe takes more, a rougher one is tried."""
+
     max_volume_change: PositiveFloat = 0.005
     """Largest relative change of volume by remeshing."""
+
+    max_wrap_change: float = Field(0.05, ge=0, lt=1)
+    """Largest relative change of volume by a wrap, the last recipe, for surfaces that nothing else fills; 0 rules
+    it out."""
 
     min_dihedral_deg: float = Field(0.1, ge=0, lt=60)
     """Smallest dihedral angle of a tetrahedron that a mesh may have, in degrees."""

@@ -15,6 +15,8 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import pickle
+import re
 import signal
 import sys
 import tempfile
@@ -25,7 +27,10 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from vibraverse.contract.errors import PROGRAMMING, ChildFailed, Refused
+from vibraverse.contract.progress import report, reports_to
 
+#: Last words of libraries that end the process where an allocation fails: OpenBLAS, C++, the C library.
+_NO_MEMORY = re.compile("Memory allocation still failed|std::bad_alloc|Cannot allocate memory")
 #: Bytes at the end of a child's log that are searched for its last words.
 _LOG_TAIL_BYTES = 600
 #: Messages of libraries that ran out of memory: the loader, C, C++, SuperLU.
@@ -65,7 +70,9 @@ def _child(parent: int, connection, log: str, memory_mb: int, function: Callable
     resource.setrlimit(resource.RLIMIT_AS, (limit, limit))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
     try:
-        connection.send(("ok", function(*arguments)))
+        with reports_to(lambda sentence: connection.send(("report", sentence))):
+            value = function(*arguments)
+        connection.send(("ok", value))
     except Refused as refused:
         connection.send(("refused", refused))
     except Exception as error:  # the outermost frame of this process: the parent reports every error
@@ -116,10 +123,11 @@ def run_limited(
     ``function`` must be importable, its arguments and result picklable. ``what`` names the tool in the refusal
     ("gmsh"), ``key`` the section of the configuration that sets the limits. ``seconds`` limits the child's CPU time,
     and the time for which it may stand still. ``memory_mb`` limits the address space that it takes after its start.
+    What the function reports (:func:`~vibraverse.contract.progress.report`) is reported here, too.
 
-    Raises :class:`Refused` with reason ``limit`` after a timeout or when memory runs out, with ``meshing_failed`` after
-    a crash or an exception, and the :class:`Refused` that the function itself raises. Raises :class:`ChildFailed` after
-    a programming error.
+    Raises :class:`Refused` with reason ``limit`` after a timeout or a kill, or when memory runs out, with
+    ``meshing_failed`` after a crash or an exception, and the :class:`Refused` that the function itself raises. Raises
+    :class:`ChildFailed` after a programming error.
     """
     context = multiprocessing.get_context("fork" if threads() == 1 else "spawn")
     receiver, sender = context.Pipe(duplex=False)
@@ -132,9 +140,8 @@ def run_limited(
         process.start()
         sender.close()
         try:
-            over = _overtime(receiver, process.pid, seconds)
-            status, value = ("timeout", over) if over else receiver.recv()
-        except EOFError:
+            status, value = _answer(receiver, process.pid, seconds)
+        except (EOFError, OSError, pickle.UnpicklingError):  # no answer, or half of one
             status, value = "crash", None
         if status == "timeout":
             process.kill()
@@ -160,7 +167,13 @@ def run_limited(
             f"{what} was stopped {value}.{said}",
             f"Raise {key}.seconds, or simplify the mesh.",
         )
-    if status == "memory" or process.exitcode == -signal.SIGKILL:
+    if status == "crash" and process.exitcode == -signal.SIGKILL:
+        raise Refused(
+            "limit",
+            f"{what} was killed from outside, as the system does when the machine's memory runs out.{said}",
+            "Run fewer jobs at once, or simplify the mesh.",
+        )
+    if status == "memory" or (status == "crash" and _NO_MEMORY.search(words)):
         raise Refused(
             "limit",
             f"{what} needed more than {memory_mb} MB.{said}",
@@ -177,21 +190,28 @@ def run_limited(
     raise Refused("meshing_failed", f"{what} failed: {value}.{said}", "Repair or simplify the mesh.")
 
 
-def _overtime(receiver, pid: int, seconds: float) -> str:
-    """Wait for a child's answer; return "" when it comes, or words for the limit that the child exceeded."""
+def _answer(receiver, pid: int, seconds: float) -> tuple[str, object]:
+    """Wait for a child's answer, passing its reports on; return its status and value.
+
+    The status is ``"timeout"`` where the child exceeded a limit; the value then says which.
+    """
     step, worked, still = min(1.0, seconds / 4), 0.0, 0.0
     while worked <= seconds and still <= seconds:
         began = time.monotonic()
         if receiver.poll(step):
-            return ""
+            status, value = receiver.recv()
+            if status != "report":
+                return status, value
+            report(value)
         before, worked = worked, _cpu_s(pid)
         # A much longer step means that this process was suspended, and the child with it.
         still = 0.0 if worked > before else still + min(time.monotonic() - began, 2 * step)
-    return (
+    over = (
         f"after {seconds:g} s of CPU time"
         if worked > seconds
         else f"when it had stood still for {seconds:g} s"
     )
+    return "timeout", over
 
 
 def _cpu_s(pid: int) -> float:

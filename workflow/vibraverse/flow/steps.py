@@ -109,7 +109,7 @@ STEPS = (
     ),
     Step(
         name="tets",
-        version=8,  # 8: the record says other warnings and how many elements were wanted
+        version=9,  # 9: limits of work and elements, thinning, a wrap; the record says what meshing cost
         help="fill a surface with tetrahedra",
         per=BODY,
         family="geometry",

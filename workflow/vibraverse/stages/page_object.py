@@ -90,6 +90,7 @@ def _bodies(job: Job, clean: dict | None) -> dict:
     from vibraverse.contract import products
     from vibraverse.contract.errors import UsageError
     from vibraverse.geometry.cleaning.cautions import cautions
+    from vibraverse.geometry.meshing.cautions import of_wrap
     from vibraverse.report.objects import audio_data
 
     found: dict = {
@@ -112,18 +113,19 @@ def _bodies(job: Job, clean: dict | None) -> dict:
             continue
         audio = products.read_json(sounds)
         about, body = _body(job, modes, basis, audio)
-        record = products.read_json(page_body)
+        record, meshed = products.read_json(page_body), products.read_json(tets)
         warnings = [
             *changed,
-            *({"kind": "many_elements", "text": text} for text in products.read_json(tets)["warnings"]),
+            *({"kind": "changed_shape", "text": text} for text in of_wrap(meshed["quality"])),
+            *({"kind": "many_elements", "text": text} for text in meshed["warnings"]),
         ]
         warnings += body.pop("warnings")
         options = Audio.model_validate(audio["provenance"]["options"])
         found.update(about, audio=audio_data(options.model_dump()))
         found["bodies"][solidity] = {
             **body,
-            "tetrahedra": products.read_json(tets)["tetrahedra"],
-            "elements": products.read_json(tets)["quality"]["wanted"],
+            "tetrahedra": meshed["tetrahedra"],
+            "elements": meshed["quality"]["wanted"],
             "order": record["order"],
             "measured": record["measured"],
             "version": record["provenance"]["output_sha256"]["script"][:8],

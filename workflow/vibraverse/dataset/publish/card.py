@@ -135,11 +135,10 @@ def export_card(reader: Reader, kind: str, folder: Path, files: Iterable[Path]) 
     if tables:
         lines = ["---", "configs:", "- config_name: default", "  data_files:"]
         for split in splits:
-            extension = tables[0].rpartition(".")[2]
-            lines += [f"  - split: {split}", f"    path: data/{split}-*.{extension}"]
+            lines += [f"  - split: {split}", f"    path: data/{split}-*.parquet"]
         lines += ["---", ""]
     how = (
-        f'datasets.load_dataset("json" or this folder): rows {", ".join(splits)}; sounds and pictures are paths.'
+        f"datasets.load_dataset(this folder): splits {', '.join(splits)}; `sound` plays, `views` shows."
         if kind == "huggingface"
         else "webdataset.WebDataset(files).decode(): json, arrays as npy, the sound as wav, pictures as png."
     )

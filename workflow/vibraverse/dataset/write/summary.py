@@ -9,6 +9,7 @@ import numpy as np
 from vibraverse.dataset.read.reader import Reader
 from vibraverse.dataset.write.making import join
 from vibraverse.geometry.cleaning.cautions import cautions as of_surface
+from vibraverse.geometry.meshing.cautions import of_wrap
 from vibraverse.physics.cautions import cautions as of_modes
 from vibraverse.physics.materials import PARAMETERS, sampled_number
 
@@ -72,8 +73,10 @@ def warnings(reader: Reader) -> list[dict[str, str]]:
         ]
     for object_id, solidity in _bodies(reader):
         materials = reader.group(object_id)[solidity]["materials"].values()
+        tets = reader.read("tets", object_id, solidity)
         said = {
-            "many_elements": reader.read("tets", object_id, solidity)["warnings"],
+            "changed_shape": of_wrap(tets["quality"]),
+            "many_elements": tets["warnings"],
             "inaccurate_modes": of_modes(material["discretisation_error"][()] for material in materials),
         }
         found += [

@@ -13,14 +13,23 @@ import tempfile
 import numpy as np
 
 from vibraverse.contract.errors import Refused
-from vibraverse.geometry import surfaces
+from vibraverse.geometry import Mesh, surfaces
 from vibraverse.geometry.boundary import boundary
 from vibraverse.geometry.distance.closest import ClosestPoint
 from vibraverse.geometry.meshing import quality
 from vibraverse.geometry.meshing.remesh import fit_to
+from vibraverse.geometry.meshing.sizes import thinned
 
-#: Distances of the envelope tried, as shares of the mean thickness 2V/A. The first leaves few elements.
-ENVELOPES = (0.1, 0.03)
+#: Distances of the envelope tried, as shares of the mean thickness 2V/A: the first, which leaves few elements, then the
+#: second, or the third where the first takes too many.
+ENVELOPE, NARROW_ENVELOPE, WIDE_ENVELOPE = 0.1, 0.03, 0.25
+#: Largest distance of the envelope as a share of the diagonal; thick bodies would lose features beyond it.
+_MAX_ENVELOPE = 0.004
+#: fTetWild takes some 0.4 ms for each triangle of its surface. One with more triangles than the first number is
+#: thinned by these shares of the envelope in turn until it has fewer. One that keeps more than the second is refused.
+_DENSE_TRIANGLES, _MAX_TRIANGLES, _THINNING_SHARES = 5_000, 40_000, (0.1, 0.3)
+#: Most rounds of its optimiser; by default it takes up to 80.
+_MAX_ROUNDS = 30
 #: fTetWild stops optimising at this energy of the worst element; a regular one has 3.
 _ENERGY = 10.0
 
@@ -30,19 +39,24 @@ def fill_within(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return points (N, 3) and positively oriented tetrahedra (T, 4) inside a closed surface (V, 3), (F, 3).
 
-    Elements are about ``size`` where the surface allows it, which stays within ``envelope``. Raises :class:`Refused`
-    with reason ``meshing_failed`` if nothing is left inside.
+    Elements are about ``size`` where the surface allows it, which stays within ``envelope``, or within 0.4 % of the
+    diagonal if that is less. Raises :class:`Refused` with reason ``meshing_failed`` if nothing is left inside, or if
+    the surface has too many triangles.
     """
     from pytetwild import tetrahedralize
 
+    diagonal = float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    envelope = min(envelope, _MAX_ENVELOPE * diagonal)
+    given, given_faces = _given(vertices, faces, envelope)
     # fTetWild leaves a file in the working folder.
     with tempfile.TemporaryDirectory(prefix="vibraverse-") as folder, contextlib.chdir(folder):
         points, cells = tetrahedralize(
-            np.ascontiguousarray(vertices, dtype=np.float64),
-            np.ascontiguousarray(faces, dtype=np.int32),
+            np.ascontiguousarray(given, dtype=np.float64),
+            np.ascontiguousarray(given_faces, dtype=np.int32),
             edge_length_abs=size,
-            epsilon=envelope / float(np.linalg.norm(np.ptp(vertices, axis=0))),
+            epsilon=envelope / float(np.linalg.norm(np.ptp(given, axis=0))),
             stop_energy=_ENERGY,
+            num_opt_iter=_MAX_ROUNDS,
             num_threads=1,
             quiet=True,
         )
@@ -61,3 +75,19 @@ def fill_within(
     points = points.copy()
     points[nodes] = fit_to(closest, volume, points[nodes], triangles, envelope)
     return points, cells
+
+
+def _given(vertices: np.ndarray, faces: np.ndarray, envelope: float) -> Mesh:
+    """Return the surface that fTetWild is given: thinned within a share of the envelope if it is dense."""
+    given = vertices, faces
+    for share in _THINNING_SHARES:
+        if len(given[1]) > _DENSE_TRIANGLES:
+            given = thinned(vertices, faces, share * envelope)
+    if len(given[1]) > _MAX_TRIANGLES:
+        raise Refused(
+            "meshing_failed",
+            f"fTetWild takes up to {_MAX_TRIANGLES} triangles, and the surface keeps {len(given[1])} within an "
+            f"envelope of {envelope:.2g}.",
+            "Simplify the mesh.",
+        )
+    return given

@@ -24,6 +24,7 @@ from vibraverse.geometry import Mesh, repair
 from vibraverse.geometry.distance.closest import ClosestPoint
 from vibraverse.geometry.distance.crossing import crossing_faces
 from vibraverse.geometry.meshing.ridges import ridges
+from vibraverse.geometry.meshing.work import FITTED, Work
 from vibraverse.geometry.surfaces import (
     area,
     edge_lengths,
@@ -71,8 +72,9 @@ class EvenSurface:
     Triangles are smaller where sheets are so close that the surface would cut itself; if that fails too, the original
     triangles stay. Ridges, where the normal turns by more than ``ridge_deg`` along at least half a size, stay sharp.
     ``sizing(points, size)`` returns the wanted edge lengths (P,) at points (P, 3): ``size``, or less where the body
-    needs smaller elements. ``deviation`` bounds the distance from the original. The surface and every remeshed one have
-    at most ``most`` triangles. Raises ``RuntimeError`` when Mmg fails.
+    needs smaller elements. ``deviation`` bounds the distance from the original. The surface has at most ``most``
+    triangles. Remeshing starts from the surface ``start`` (V, 3), (F, 3), a thinned original, if one is given, and
+    what it takes is counted in ``work``. Raises ``RuntimeError`` when Mmg fails.
     """
 
     def __init__(
@@ -84,24 +86,30 @@ class EvenSurface:
         deviation: float,
         ridge_deg: float,
         most: float = np.inf,
+        start: Mesh | None = None,
+        work: Work | None = None,
     ):
-        self.size, self._sizing, self._most = size, sizing, most
+        self.size, self._sizing, self._work = size, sizing, work or Work()
         self._closest, self._body = ClosestPoint(vertices, faces), (vertices, faces)
-        vertices, faces = repair.split(vertices, faces, _MAX_INPUT_EDGE * size)
+        vertices, faces = repair.split(*(start or self._body), _MAX_INPUT_EDGE * size)
         sharp = ridges(vertices, faces, ridge_deg, _MIN_RIDGE_LENGTH * size)
         self._start = vertices, faces, sharp
         with suppress(SheetsMeet):
             sizes = _EVEN_SHARE * sizing(vertices, size)
-            self._start = _remesh_validly(self._start, sizes, _EVEN_SHARE * deviation, most=most)
+            self._start = _remesh_validly(
+                self._start, sizes, _EVEN_SHARE * deviation, most=most, work=self._work
+            )
 
-    def remesh(self, size: float, deviation: float, yielding: bool = False) -> Mesh:
+    def remesh(self, size: float, deviation: float, yielding: bool = False, most: float = np.inf) -> Mesh:
         """Return the surface remeshed to the edge lengths that ``sizing`` wants for a size.
 
         With ``yielding``, vertices whose fit causes self-intersections stay where Mmg put them: near the original, but
         not fitted to it. Raises as the function :func:`remesh`.
         """
         local = self._sizing(self._start[0], size)
-        return _remesh_and_fit(self._closest, self._body, self._start, local, deviation, self._most, yielding)
+        return _remesh_and_fit(
+            self._closest, self._body, self._start, local, deviation, most, yielding, work=self._work
+        )
 
 
 def remesh(
@@ -136,6 +144,7 @@ def _remesh_and_fit(
     most: float,
     yielding: bool = False,
     tied: bool = False,
+    work: Work | None = None,
 ) -> Mesh:
     """Remesh the surface ``start`` with edge lengths ``local`` (V,) and fit it to the surface of ``body``.
 
@@ -150,24 +159,32 @@ def _remesh_and_fit(
             fitted = _yield(points, fitted, triangles)
         return fitted, closest.distance(_samples(fitted, triangles)).reshape(-1, 3).max(axis=1) > tolerated
 
-    return _remesh_validly(start, local, deviation, fit, most)[:2]
+    return _remesh_validly(start, local, deviation, fit, most, work)[:2]
 
 
 def _remesh_validly(
-    start: tuple, local: np.ndarray, deviation: float, fit: Callable | None = None, most: float = np.inf
+    start: tuple,
+    local: np.ndarray,
+    deviation: float,
+    fit: Callable | None = None,
+    most: float = np.inf,
+    work: Work | None = None,
 ) -> tuple:
     """Remesh ``start``, finer where the result cuts itself or leaves the original; return it with its ridges.
 
     ``start`` is vertices (V, 3), faces (F, 3) and ridges (E, 2). ``fit`` returns the fitted vertices and which faces
     (F,) are then too far from the original; some may stay so after the last attempt. Raises :class:`SheetsMeet` when
-    no attempt with at most ``most`` triangles is free of self-intersections.
+    no attempt with at most ``most`` triangles is free of self-intersections, and :class:`Spent` when there is none
+    within the limit of ``work``.
     """
     vertices, faces, sharp = start
-    found = None
+    found, work = None, work or Work()
     for _ in range(_MAX_ATTEMPTS):
         try:
+            work.check()
             _check_count(_min_triangles(vertices, faces, local), most)
             points, triangles, edges = _mmg(vertices, faces, local, deviation, sharp)
+            work.add(len(faces) + len(triangles))
             _check_count(len(triangles), most)
         except RuntimeError:
             if found is None:
@@ -175,6 +192,7 @@ def _remesh_validly(
             break
         invalid = far = _invalid_faces(points, triangles)
         if fit is not None and not invalid.any():
+            work.add(len(triangles), FITTED)
             points, far = fit(points, triangles)
             invalid = crossing_faces(points, triangles)
         if not invalid.any():
