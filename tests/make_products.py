@@ -129,8 +129,14 @@ def page_data(results: Path, objects=OBJECTS) -> None:
     for object_id in objects:
         row = {"title": f"The {object_id}", "source": "files", "version": products.text_sha256(object_id)[:8]}
         row["bodies"] = {} if object_id == "leaf" else {"solid": {"worst_error": 0.001}}
-        products.write_json(folder / f"{object_id}.json", {"object": object_id, "row": row, "warnings": []})
-        Image.open(io.BytesIO(_picture("clay", 0))).save(folder / f"{object_id}.thumb.webp")
+        thumbnail = folder / f"{object_id}.thumb.webp"
+        Image.open(io.BytesIO(_picture("clay", 0))).save(thumbnail)
+        stated = {
+            **provenance("page_object", object_id),
+            "output_sha256": {"thumbnail": products.sha256(thumbnail)},
+        }
+        record = {"object": object_id, "row": row, "warnings": [], "provenance": stated}
+        products.write_json(folder / f"{object_id}.json", record)
 
 
 def build(results: Path) -> Paths:

@@ -126,7 +126,7 @@ def wrong_page(paths: Paths, object_id: str) -> Iterator[Wrong]:
         if right and _changed(made.record, right, last.record.stat().st_mtime, products.sha256):
             yield Wrong(made.record, f"it is not what {last} was made from", str(made), anew)
             continue
-        for name, right in made.provenance["output_sha256"].items():
+        for name, right in made.provenance.get("output_sha256", {}).items():
             path = made.place(name)
             if path.is_file() and products.sha256(path) != right:
                 yield Wrong(path, f"it is not what {made.step.name} wrote", str(made), anew)
