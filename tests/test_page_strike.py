@@ -210,6 +210,20 @@ def test_a_mode_is_read_heard_alone_and_seen(driver, index):
     assert "mode=3" in driver.current_url
 
 
+@pytest.mark.parametrize(
+    ("damping", "said"),
+    [
+        ("", "s all modes together have fallen by 60 dB."),
+        ("&alpha=0.1&beta=0", "Sounds end after 1 s; this one rings on."),
+    ],
+)
+def test_it_is_said_why_a_sound_ends(driver, index, damping, said):
+    ready(driver, index, f"material=steel{damping}")
+    driver.execute_script("document.querySelector('.again').click();")
+    note = driver.execute_script("return document.querySelector('.spectrogram .note').textContent;")
+    assert said in note.replace("\u202f", " ")
+
+
 def test_a_link_opens_in_the_same_state(driver, index):
     settings = "body=hollow&material=wood&E=2e10&nu=0.3&size=0.1&contact=0.001&observable=velocity"
     settings += "&at=0.9,0.2,0.1&mode=2"

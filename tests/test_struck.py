@@ -271,6 +271,21 @@ def test_the_transform_is_fouriers(made):
     np.testing.assert_allclose(np.array(re) + 1j * np.array(im), np.fft.fft(samples), atol=1e-9)
 
 
+@pytest.mark.parametrize(
+    ("seconds", "expected"),
+    [
+        (3.64, [1, 2, 3]),
+        (4, [1, 2, 3, 4]),
+        (1, [0.2, 0.4, 0.6, 0.8, 1]),
+        (0.16, [0.05, 0.1, 0.15]),
+        (11, [5, 10]),
+    ],
+)
+def test_times_on_the_axis_are_round(seconds, expected):
+    found = run_script("return spectrogram.ticks(given);", seconds, "elements.js", "spectrogram.js")
+    assert found == pytest.approx(expected)
+
+
 def test_modes_are_a_table(made):
     body = """
       const chosen = choices('');

@@ -295,7 +295,7 @@ STEPS = (
     ),
     Step(
         name="report",
-        version=8,  # 7: one page for any number of objects, whose data lie beside it; 8: its scripts are made small
+        version=9,  # 7: one page for any number of objects; 8: its scripts are made small; 9: light, round times
         help="write the page people open",
         per=DATASET,
         family="report",

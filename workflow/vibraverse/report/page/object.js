@@ -55,7 +55,7 @@ const objectView = (() => {
     view.places = places.create(strike);
     view.copied = make("div");
     view.spectrum = spectrum.create((mode) => update({ mode }));
-    view.spectrogram = spectrogram.create(struck.longest(data), data.audio.max_s);
+    view.spectrogram = spectrogram.create(struck.longest(data), data.audio);
     view.controls = controls.create((key, value) => {
       if (key === "size" || key === "contact") update({ [key]: value });
       else update({ material: { ...view.choices.material, [key]: value } });

@@ -30,12 +30,12 @@ const scene = (() => {
     renderer.setPixelRatio(Math.min(devicePixelRatio, 2));
     const world = new three.Scene();
     // Lights, and no picture of a room: without a GPU, blurring one for each roughness takes four seconds.
-    const sky = new three.HemisphereLight(0xffffff, 0x8d8577, 2.2);
+    const sky = new three.HemisphereLight(0xffffff, 0x8d8577, 1.5);
     sky.position.set(0, 0, 1); // z points up
     world.add(sky);
     const camera = new three.PerspectiveCamera(VIEW_DEG, 1, 0.1, 40);
     camera.up.set(0, 0, 1);
-    for (const [strength, ...place] of [[2.4, -1, 1.4, 1], [0.7, 1.6, -0.3, 0.4]]) {
+    for (const [strength, ...place] of [[3, -1.2, 1.3, 0.7], [0.7, 1.6, -0.3, 0.4]]) {
       const lamp = new three.DirectionalLight(0xffffff, strength);
       lamp.position.set(...place);
       camera.add(lamp);
@@ -289,11 +289,12 @@ const scene = (() => {
   // Gives the body the look of its material: {colour, metallic, roughness, clear}.
   function dress(look) {
     const { material } = kept.mesh;
-    material.color = new three.Color().setRGB(...look.colour, "srgb");
+    const shade = look.clear ? 0.8 : 1; // what is seen through it is bright or dark, and it must differ from both
+    material.color = new three.Color().setRGB(...look.colour.map((one) => shade * one), "srgb");
     material.metalness = 0.45 * look.metallic; // a whole metal is black where it has nothing to mirror
     material.roughness = Math.max(look.roughness, 0.25);
     material.transparent = look.clear;
-    material.opacity = look.clear ? 0.62 : 1;
+    material.opacity = look.clear ? 0.72 : 1;
     material.needsUpdate = true;
     schedule();
   }

@@ -76,8 +76,15 @@ const spectrogram = (() => {
     return from.map((one, channel) => one + (at % 1) * (to[channel] - one));
   }
 
-  // Returns {element, show(samples, rate), follow(voice)}; `seconds` is the length of the axis, `mostS` of any sound.
-  function create(seconds, mostS) {
+  // Round times after 0 on an axis, five at most: a one, a two or a five apart.
+  function ticks(seconds) {
+    const ten = 10 ** Math.floor(Math.log10(seconds / 5));
+    const step = ten * [1, 2, 5, 10].find((one) => 5 * one * ten >= seconds * (1 - 1e-9));
+    return Array.from({ length: Math.floor(seconds / step + 1e-9) }, (_, place) => step * (place + 1));
+  }
+
+  // Returns {element, show(samples, rate), follow(voice)}; `seconds` is the length of the axis, `audio` how sounds end.
+  function create(seconds, audio) {
     const canvas = make("canvas", {
       width: COLUMNS,
       height: ROWS,
@@ -85,9 +92,10 @@ const spectrogram = (() => {
       "aria-label": "Spectrogram of the last strike",
     });
     const cursor = make("i.cursor", { hidden: true });
-    const marks = [0.25, 0.5, 0.75, 1].map((share) =>
-      make("span", { style: `left:${100 * share}%` }, words.duration(share * seconds)),
-    );
+    const marks = ticks(seconds).map((time) => {
+      const share = time / seconds;
+      return make("span", { style: `left:${100 * share}%`, class: share > 0.96 && "end" }, words.duration(time));
+    });
     const heights = make("div.heights", { "aria-hidden": "true" });
     const note = make("p.note");
     const root = make(
@@ -125,7 +133,10 @@ const spectrogram = (() => {
       const length = samples.length / rate;
       const said = [];
       if (length > 1.001 * seconds) said.push(`It lasts ${words.duration(length)}; the rest is not shown.`);
-      if (length >= mostS) said.push(`Sounds end after ${words.duration(mostS)}; this one rings on.`);
+      if (length >= audio.max_s) said.push(`Sounds end after ${words.duration(audio.max_s)}; this one rings on.`);
+      else if (length) {
+        said.push(`After ${words.duration(length)} all modes together have fallen by ${audio.decay_db} dB.`);
+      }
       note.textContent = said.join(" ");
     }
 
@@ -144,7 +155,7 @@ const spectrogram = (() => {
     return { element: root, show, follow };
   }
 
-  return { create, transform };
+  return { create, transform, ticks };
 })();
 
 if (typeof module !== "undefined") module.exports = spectrogram;
