@@ -104,7 +104,7 @@ def test_where_an_envelope_takes_too_many_elements_a_wider_one_is_tried_and_else
 
         return fill
 
-    for kind, envelopes in ((tets_module._TooMany, [0.1, 0.25]), (Refused, [0.1, 0.03])):
+    for kind, envelopes in ((tets_module.TooMany, [0.1, 0.25]), (Refused, [0.1, 0.03])):
         monkeypatch.setattr(tets_module, "fill_within", fails(kind))
         tried.clear()
         with pytest.raises(Refused, match="it fails"):

@@ -10,6 +10,7 @@ from vibraverse.config.physics import Material
 from vibraverse.geometry import LONGEST_SIDE
 from vibraverse.listening.answer import Answer
 from vibraverse.listening.fit import Estimate
+from vibraverse.listening.resonances import Lines
 from vibraverse.physics.materials import MATERIALS
 
 #: Interval stated for every number, in per cent.
@@ -72,9 +73,10 @@ def facts_of(found: Answer, peaks, model, known: Known, volumes: dict[float, flo
     """
     verdict = _verdict(found)
     estimate = found.estimate
+    lines = model.at(estimate.values[1:])
     facts = {
         "verdict": verdict,
-        "sentence": _sentence(found, verdict, float(np.median(model.at(estimate.values[1:]).error))),
+        "sentence": _sentence(found, verdict, float(np.median(lines.error))),
         "size_m": known.size_m,
         "known_material": known.material_name,
         "peaks_heard": len(peaks),
@@ -88,7 +90,7 @@ def facts_of(found: Answer, peaks, model, known: Known, volumes: dict[float, flo
         "not_determined": [],
         "others": [],
         "materials": [],
-        "peaks": _peaks(found, peaks, model),
+        "peaks": _peaks(found, peaks, lines),
         "warnings": [],
     }
     if not found.fits:
@@ -211,9 +213,8 @@ def _damping(found: Answer) -> dict:
     }
 
 
-def _peaks(found: Answer, peaks, model) -> list[dict]:
+def _peaks(found: Answer, peaks, lines: Lines) -> list[dict]:
     """Return all peaks, each with its mode, counted from 1, and that mode's predicted frequency."""
-    lines = model.at(found.estimate.values[1:])
     predicted = np.exp(found.estimate.values[0] + lines.log_omega)
     modes = dict(zip(found.estimate.match.peaks.tolist(), found.estimate.match.modes.tolist(), strict=True))
     rows = []

@@ -239,11 +239,11 @@ def work_folder(command: str, mesh: Path) -> Iterator[Path]:
             ) from error
         except Refused as refused:
             about = "" if mesh.name in refused.message else f"{mesh.name}: "
-            raise UsageError(f"{about}{_with_flags(str(refused))} [{refused.reason}]") from refused
+            raise UsageError(f"{about}{with_flags(str(refused))} [{refused.reason}]") from refused
 
 
-def _with_flags(text: str) -> str:
-    """Return a refusal's text with the options of commands in place of the configuration's keys."""
+def with_flags(text: str) -> str:
+    """Return the text of a refusal or a warning with the options of commands in place of the configuration's keys."""
     return _MEMORY_KEY.sub("--memory-mb", text).replace("tets.target_elements", FLAGS["target_elements"])
 
 

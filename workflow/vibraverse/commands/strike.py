@@ -21,6 +21,7 @@ from vibraverse.commands.one_mesh import (
     size_warnings,
     sound_warnings,
     surface_warnings,
+    with_flags,
     work_folder,
     write_facts,
 )
@@ -231,8 +232,7 @@ class _Strike:
         warnings = surface_warnings(clean)
         said = [f"tets: {sentence}" for sentence in tets["warnings"] + of_wrap(tets["quality"])]
         said += [f"modes: {sentence}" for sentence in of_modes([element_error])]
-        flag = FLAGS["target_elements"]
-        warnings += [sentence.replace("tets.target_elements", flag) for sentence in said]
+        warnings += map(with_flags, said)
         tolerance = self.mesh.options["modes"].tolerance
         if error.max() > tolerance:
             warnings.append(

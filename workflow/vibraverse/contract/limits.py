@@ -16,7 +16,6 @@ from __future__ import annotations
 import multiprocessing
 import os
 import pickle
-import re
 import signal
 import sys
 import tempfile
@@ -29,17 +28,16 @@ from pathlib import Path
 from vibraverse.contract.errors import PROGRAMMING, ChildFailed, Refused
 from vibraverse.contract.progress import report, reports_to
 
-#: Last words of libraries that end the process where an allocation fails: OpenBLAS, C++, the C library.
-_NO_MEMORY = re.compile("Memory allocation still failed|std::bad_alloc|Cannot allocate memory")
 #: Bytes at the end of a child's log that are searched for its last words.
 _LOG_TAIL_BYTES = 600
-#: Messages of libraries that ran out of memory: the loader, C, C++, SuperLU.
+#: Messages of libraries that ran out of memory: the loader, C, C++, SuperLU, OpenBLAS.
 _OUT_OF_MEMORY = (
     "failed to map segment",
     "Cannot allocate memory",
     "bad_alloc",
     "MALLOC fails",
     "alloc() fails",
+    "Memory allocation still failed",
 )
 #: Types of the exceptions that carry these messages.
 _OUT_OF_MEMORY_TYPES = (ImportError, MemoryError, OSError, RuntimeError)
@@ -87,7 +85,11 @@ def _child(parent: int, connection, log: str, memory_mb: int, function: Callable
 
 def out_of_memory(error: Exception) -> bool:
     """Return whether an error means that memory ran out, whether Python or a library raised it."""
-    return isinstance(error, MemoryError) or any(words in str(error) for words in _OUT_OF_MEMORY)
+    return isinstance(error, MemoryError) or _tells_of_memory(str(error))
+
+
+def _tells_of_memory(text: str) -> bool:
+    return any(words in text for words in _OUT_OF_MEMORY)
 
 
 def _limit(memory_mb: int) -> int:
@@ -173,7 +175,7 @@ def run_limited(
             f"{what} was killed from outside, as the system does when the machine's memory runs out.{said}",
             "Run fewer jobs at once, or simplify the mesh.",
         )
-    if status == "memory" or (status == "crash" and _NO_MEMORY.search(words)):
+    if status == "memory" or (status == "crash" and _tells_of_memory(words)):
         raise Refused(
             "limit",
             f"{what} needed more than {memory_mb} MB.{said}",

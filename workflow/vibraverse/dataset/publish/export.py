@@ -120,13 +120,15 @@ def wav(reader: Reader, item: dict) -> bytes | None:
     return file.getvalue()
 
 
-def pngs(reader: Reader, item: dict) -> tuple[str, list[bytes]]:
-    """Return the look of an item's pictures and their PNG files; no files if pictures were not requested."""
-    look = item["material"] if reader.look == "material" else reader.look
-    if "views" not in reader.fields:
-        return look, []
+def look_of(reader: Reader, item: dict) -> str:
+    """Return the look of an item's pictures."""
+    return item["material"] if reader.look == "material" else reader.look
+
+
+def pngs(reader: Reader, object_id: str, look: str) -> list[bytes]:
+    """Return the PNG files of an object's pictures."""
     path = schema.BY_NAME["views"].path.format(look=look)
-    return look, [png.tobytes() for png in reader.group(item["object"])[path][()]]
+    return [png.tobytes() for png in reader.group(object_id)[path][()]]
 
 
 def _members(reader: Reader, item: dict) -> list[tuple[str, bytes]]:
@@ -140,5 +142,5 @@ def _members(reader: Reader, item: dict) -> list[tuple[str, bytes]]:
     sound = wav(reader, item)
     if sound is not None:
         members.append((f"{key}.wav", sound))
-    _, pictures = pngs(reader, item)
+    pictures = pngs(reader, item["object"], look_of(reader, item)) if "views" in reader.fields else []
     return members + [(f"{key}.{view:02d}.png", png) for view, png in enumerate(pictures)]

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from vibraverse.contract.products import whole
-from vibraverse.dataset.publish.export import CannotExport, about, by_split, parts, pngs, wav
+from vibraverse.dataset.publish.export import CannotExport, about, by_split, look_of, parts, pngs, wav
 from vibraverse.dataset.read.reader import Reader
 
 #: Rows that are written together, which bounds the memory that they take.
@@ -70,12 +70,12 @@ def _rows(reader: Reader, items):
             name = f"{item['object']}-{item['solidity']}-{item['material']}.wav"
             row["sound"] = None if sound is None else {"bytes": sound, "path": name}
         if "views" in reader.fields:
-            look, files = pngs(reader, item)
-            if (item["object"], look) != shown:
-                shown = item["object"], look
+            wanted = item["object"], look_of(reader, item)
+            if wanted != shown:
+                shown = wanted
                 pictures = [
-                    {"bytes": file, "path": f"{item['object']}-{look}-{view:02d}.png"}
-                    for view, file in enumerate(files)
+                    {"bytes": file, "path": f"{'-'.join(shown)}-{view:02d}.png"}
+                    for view, file in enumerate(pngs(reader, *shown))
                 ]
             row["views"] = pictures
         yield row

@@ -68,8 +68,13 @@ class Trial:
         return self.wanted * float(np.exp(self.excess))
 
 
-class TooMany(RuntimeError):
+class TooMany(Refused):
     """A body takes more tetrahedra than it may have."""
+
+    @classmethod
+    def of(cls, count: float, most: float) -> TooMany:
+        """Return the refusal of a body that takes ``count`` where ``most`` are allowed."""
+        return cls("meshing_failed", f"the body takes {count:.0f} tetrahedra; at most {most:.0f} are allowed")
 
 
 class Body:
@@ -194,7 +199,7 @@ def search_size(body: Body, ridge_deg: float, size: float, target: int) -> list[
         raise SheetsMeet(f"sheets of the surface are closer than triangles of {too_large:.3g}")
     fewest = min(trial.count for trial in tried)
     if fewest > body.most:
-        raise TooMany(f"the body takes {fewest:.0f} tetrahedra; at most {body.most:.0f} are allowed")
+        raise TooMany.of(fewest, body.most)
     return sorted((trial for trial in tried if trial.count <= body.most), key=lambda trial: abs(trial.excess))
 
 

@@ -26,7 +26,7 @@ from vibraverse.geometry.meshing.cautions import cautions
 from vibraverse.geometry.meshing.envelope import ENVELOPE, NARROW_ENVELOPE, WIDE_ENVELOPE, fill_within
 from vibraverse.geometry.meshing.fill import ALGORITHMS, fill, ordered
 from vibraverse.geometry.meshing.remesh import SheetsMeet
-from vibraverse.geometry.meshing.sizes import Body, search_size
+from vibraverse.geometry.meshing.sizes import Body, TooMany, search_size
 from vibraverse.geometry.meshing.work import OPTIMISED, Work
 from vibraverse.geometry.meshing.wrapped import WRAPS, wrapped
 
@@ -208,7 +208,7 @@ def _within_envelope(vertices: np.ndarray, faces: np.ndarray, demands: _Demands)
             return _checked(points, cells, (points[nodes], triangles), demands, recipe)
         except Refused as refused:
             complaints.append(refused.message.rstrip("."))
-            other = WIDE_ENVELOPE if isinstance(refused, _TooMany) else NARROW_ENVELOPE
+            other = WIDE_ENVELOPE if isinstance(refused, TooMany) else NARROW_ENVELOPE
             share = other if share == ENVELOPE else None
     raise _failed("fTetWild", complaints)
 
@@ -243,19 +243,12 @@ def _failed(tools: str, complaints: list[str]) -> Refused:
     )
 
 
-class _TooMany(Refused):
-    """A mesh has more elements than it may."""
-
-
 def _checked(
     points: np.ndarray, cells: np.ndarray, surface: Mesh, demands: _Demands, recipe: dict
 ) -> TetMesh:
     """Return the mesh with its quality table; raise :class:`Refused` unless it fills its surface and is as demanded."""
     if len(cells) > demands.most:
-        raise _TooMany(
-            "meshing_failed",
-            f"the body takes {len(cells)} tetrahedra; at most {demands.most:.0f} are allowed",
-        )
+        raise TooMany.of(len(cells), demands.most)
     table = quality.table(points, cells)
     volumes, enclosed = quality.volumes(points, cells), surfaces.volume(*surface)
     if volumes.min() <= 0:
